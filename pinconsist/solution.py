@@ -242,18 +242,18 @@ class Solution(ByName):
         number; or an array, if ``final`` or ``at`` is of a quantity with several numbers. Of vectors, the statistics
         are those of the length. With neither, the result is an array with a value for each row, shape (n,) or (n, k).
 
-        =========================================== =================================================================
-        ``position``, ``velocity``, ``acceleration`` of a joint, or of a frame: ``"peak velocity foot"``
-        ``reaction``, ``moment``                    force and moment of a loop or a joint, :meth:`reaction`; the
-                                                    torque of a drive
-        ``joint_force``, ``joint_moment``           of a joint of the tree, :meth:`joint_force`
-        ``force``, ``length``, ``speed``            of a spring or an actuator, :meth:`force`
-        ``torque``, ``power``                       of a force, drive or joint, :meth:`torque`
-        ``multipliers``                             of a loop, one for each row
-        ``energy``                                  ``total``, ``kinetic``, ``potential``, ``elastic``, or ``error``: of
-                                                    the balance, at rows only
-        ``error``                                   ``q``, ``v`` or ``force``: the global error of the run
-        =========================================== =================================================================
+        ============================================  ==================================================================
+        ``position``, ``velocity``, ``acceleration``  of a joint, or of a frame: ``"peak velocity foot"``
+        ``reaction``, ``moment``                      force and moment of a loop or a joint, :meth:`reaction`; the
+                                                      torque of a drive
+        ``joint_force``, ``joint_moment``             of a joint of the tree, :meth:`joint_force`
+        ``force``, ``length``, ``speed``              of a spring or an actuator, :meth:`force`
+        ``torque``, ``power``                         of a force, drive or joint, :meth:`torque`
+        ``multipliers``                               of a loop, one for each row
+        ``energy``                                    ``total``, ``kinetic``, ``potential``, ``elastic``, or ``error``:
+                                                      that of the balance, at rows only
+        ``error``                                     ``q``, ``v`` or ``force``: the global error of the run
+        ============================================  ==================================================================
 
         After the name may stand a component, ``x``, ``y`` or ``z`` in world axes, or a row of multipliers. A colon may
         replace the first blank, ``"reaction:pin"``. A name alone is the position of a joint or frame, the multipliers
