@@ -1,6 +1,7 @@
 """Every example runs, and its number is the one it should be: closed forms, benchmarks and hand-derived equations."""
 
 import importlib.util
+import json
 from pathlib import Path
 
 import numpy as np
@@ -288,3 +289,17 @@ def test_pictures_can_be_made(tmp_path):
     pytest.importorskip("matplotlib")
     picture = module("pictures").make("06_pendulum", tmp_path)
     assert picture == tmp_path / "06_pendulum.png" and picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_notebook_runs_and_its_derivative_is_that_of_its_table(capsys):
+    """As a reader runs it, cell by cell; it is kept without outputs, which would be megabytes."""
+    cells = json.loads((EXAMPLES / "design_study.ipynb").read_text(encoding="utf-8"))["cells"]
+    names = {}
+    for cell in (cell for cell in cells if cell["cell_type"] == "code"):
+        assert not cell["outputs"] and cell["execution_count"] is None
+        exec("".join(cell["source"]), names)
+    assert "ok" in capsys.readouterr().out
+    below, above = (outcome.value for outcome in names["outcomes"][2:])
+    assert names["by"][0] == pytest.approx((above - below) / 0.02, rel=1e-2)
+    shown = names["sol"]._repr_mimebundle_()
+    assert "<iframe srcdoc=" in shown["text/html"] and shown["text/plain"].startswith("Solution of crank_rocker")

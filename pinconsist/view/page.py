@@ -146,7 +146,7 @@ def notebook_html(sol, mechanism) -> str:
         data = b64encode(image.getvalue()).decode()
         parts.append(f'<img alt="the solution over time" src="data:image/png;base64,{data}"/>')
     with suppress(MissingExtraError):
-        document = escape(page_of(mechanism, sol, forces=bool(mechanism.loops)).decode())
+        document = escape(page_of(mechanism, sol, forces=True).decode())
         style = f"width: 100%; height: {HEIGHT}px; border: 0"
         parts.append(f'<iframe srcdoc="{document}" style="{style}"></iframe>')
     return "\n".join(parts)
