@@ -272,6 +272,18 @@ def test_missing_meshes_fall_back_with_one_warning(tmp_path, caplog, hand):
     assert hand_forms == {"CylinderGeometry", "SphereGeometry"}
 
 
+@pytest.mark.parametrize("material", ["", '<material name="w"><color rgba="1 1 1 1"/></material>'])
+def test_white_shapes_and_those_without_a_colour_are_told_from_the_page(tmp_path, material):
+    """The background is white above and 0xD8DDE3 below."""
+    box = f'<visual><geometry><box size="1 1 1"/></geometry>{material}</visual>'
+    text = re.sub(r"<visual>.*?</visual>", "", MESHES, flags=re.DOTALL).replace(
+        '<link name="arm">', f'<link name="arm">{box}'
+    )
+    mech = Mechanism(pin.buildModelFromXML(text), name="boxed", geometry=Geometry(text, (str(tmp_path),)))
+    (shape,) = visuals(mech)
+    assert max(shape.color.to_bytes(3, "big")) < 0xC8
+
+
 INERTIAL = "<inertial><mass>1</mass><inertia><ixx>1</ixx><iyy>1</iyy><izz>1</izz></inertia></inertial>"
 BESIDE = {
     "robot.urdf": MESHES.replace("HAND.stl", "arm.stl").replace("HAND.dae", "arm.stl"),
