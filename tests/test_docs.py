@@ -173,9 +173,8 @@ def test_the_table_of_forces_has_all_their_fields():
             force = cells[0].strip("`") or force
             kinds.setdefault(force, cells[1].strip("`"))
             found.setdefault(force, []).extend((name.strip("` "), cells[4]) for name in cells[2].split(","))
-    records = {name: getattr(pc, name) for name in pc.__all__ if hasattr(getattr(pc, name), "bind")} | {
-        "Torque": pc.Torque
-    }
+    public = {name: getattr(pc, name) for name in pc.__all__}
+    records = {name: each for name, each in public.items() if hasattr(each, "label")}
     assert set(found) == set(records)
     for name, record in records.items():
         fields = {each.name: each.default for each in dataclasses.fields(record) if not each.name.startswith("_")}
