@@ -1,5 +1,6 @@
 """The certificate of a solution: its residuals, evaluated independently of the integration."""
 
+import re
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from .mechanism.system import MechanismSystem
 OPEN = 1e-8  # m or rad, and m/s or rad/s: a loop with a larger gap is open
 UNCLEAR = 0.1 * OFF  # an energy balance that is off by more may be so because rows are few
 MOST_BY_ROWS = 5  # order of steps that rows resolve
+CONTACT = re.compile("floor|contact pair|colliding")  # of what is not modelled: bodies would fall through
 FEW = 4.0  # times the uncertainty of the work: an energy balance that is not off by more shows nothing
 ROUNDED = 1e-6  # of the largest multiplier: smaller ones may be the error of the run
 SHOWN = 4  # joints outside of their limits
@@ -82,6 +84,8 @@ class Certificate:
         Unilateral constraints that pull, see :class:`Constraint`, and the first time at which they do, s.
     not_finite : str
         The first number of the rows that is not finite, as text; nothing else is judged then.
+    not_modelled : tuple of str
+        What the mechanism's file has that has no effect, see :attr:`Mechanism.ignored`.
     """
 
     position: float
@@ -107,6 +111,7 @@ class Certificate:
     branches: tuple[float, ...] = ()
     pulling: dict[str, float] = field(default_factory=dict)
     not_finite: str = ""
+    not_modelled: tuple[str, ...] = ()
 
     def __str__(self):
         return "\n".join([self.verdict, "", *self._figures(), *(f"note: {concern}" for concern in self.concerns)])
@@ -126,7 +131,7 @@ class Certificate:
         """One line: ``closed to 8e-15 m, forces good to 2e-5, error of q about 1e-6 rad: ok``.
 
         If there are :attr:`concerns`, it ends with these instead of ``ok``; it also names what is
-        :attr:`not_unique` and what was :attr:`not_judged`.
+        :attr:`not_unique`, what was :attr:`not_judged`, and the contacts among what is :attr:`not_modelled`.
         """
         if self.not_finite:
             return f"{self.not_finite} is not a finite number: nothing was judged"
@@ -140,6 +145,8 @@ class Certificate:
         ends = ["ok" if self.ok else f"look at {', '.join(self._named_concerns)}"]
         ends += [f"not unique: forces of {listed(self.not_unique)}"] if self.not_unique else []
         ends += [f"not judged: {', '.join(self.not_judged)}"] if self.not_judged else []
+        touching = [what for what in self.not_modelled if CONTACT.search(what)]
+        ends += [f"not modelled: {', '.join(touching)}"] if touching else []
         return f"{', '.join(found)}: {'; '.join(ends)}"
 
     @property
@@ -176,6 +183,8 @@ class Certificate:
             lines.append(f"{'error of q':<20} not judged: {self.error_missing}")
         if self.corrected_by:
             lines.append(figure("file's numbers", self.corrected_by, "m, rad", False, "their largest correction"))
+        if self.not_modelled:
+            lines.append(f"{'not modelled':<20} {', '.join(self.not_modelled)}, which the file has")
         return lines
 
     @property
@@ -258,6 +267,7 @@ def from_plain(data: dict | None) -> Certificate | None:
         **data
         | {"beyond_limits": tuple(BeyondLimit(**each) for each in limits), "units": tuple(data["units"])}
         | {"not_unique": shared, "branches": tuple(data["branches"])}
+        | {"not_modelled": tuple(data.get("not_modelled", ()))}
         | {"error": error and GlobalError(**error | {"units": tuple(error["units"])})}
     )
 
@@ -356,6 +366,7 @@ def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
         added=_added(solution, energy, system),
         branches=_branches(solution, system, finer) if finer is not None or missing else (),
         pulling={} if mechanism is None else _pulling(mechanism, system.rows, t, solution.lam),
+        not_modelled=() if mechanism is None else mechanism.ignored,
     )
 
 

@@ -554,7 +554,7 @@ def test_springs_and_first_positions(scene):
 
 
 def test_elements_that_mean_nothing_here_pass_and_misspelt_ones_are_told(scene, caplog):
-    quiet = '<plugin name="p" filename="x.so"><anything/></plugin><self_collide>1</self_collide>'
+    quiet = '<plugin name="camera" filename="x.so"><anything/></plugin><self_collide>1</self_collide>'
     with caplog.at_level("WARNING", logger="pinconsist"):
         pc.load(scene(CHAIN + quiet))
     assert not caplog.text

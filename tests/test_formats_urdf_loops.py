@@ -225,16 +225,34 @@ def test_what_closes_loops_elsewhere_is_refused_with_its_line(robot, tag):
 
 HARMLESS = """<transmission name="t"><joint name="j"/><actuator name="m"/></transmission>
 <gazebo reference="j"><implicitSpringDamper>1</implicitSpringDamper></gazebo>
-<gazebo><plugin name="p" filename="libmimic.so"><joint>j</joint><mimicJoint>k</mimicJoint></plugin></gazebo>
+<gazebo><plugin name="p" filename="libjoint_state_publisher.so"><joint>j</joint></plugin></gazebo>
 <mujoco><compiler angle="radian"/></mujoco><ros2_control name="x" type="system"><joint name="j"/></ros2_control>
 <drake:collision_filter_group name="g"><drake:member link="a"/></drake:collision_filter_group>
 <drake:rotor_inertia value="1"/><sensor name="s"><parent link="a"/></sensor><disable_collisions link1="a" link2="c"/>
 <virtual_joint name="v"/><passive_joint name="j"/><group name="arm"><joint name="j"/></group><contact/>"""
 
 
-def test_what_closes_no_loop_is_left_out_silently(robot, caplog):
-    assert pc.load(robot(CHAIN + HARMLESS)).joints == pc.load(robot(CHAIN)).joints
-    assert not [each for each in caplog.records if "loop file" not in each.getMessage()]
+def test_what_closes_no_loop_is_left_out_with_a_line_that_counts_what_is_unknown(robot, caplog):
+    mech = pc.load(robot(CHAIN + HARMLESS))
+    assert mech.joints == pc.load(robot(CHAIN)).joints
+    (line,) = [each.getMessage() for each in caplog.records if "loop file" not in each.getMessage()]
+    assert line.partition("without effect here: ")[2] == ", ".join(mech.ignored)
+    unknown = (
+        "<drake:collision_filter_group>",
+        "<drake:rotor_inertia>",
+        "<disable_collisions>",
+        "<virtual_joint>",
+        "<passive_joint>",
+        "<contact>",
+    )
+    assert mech.ignored == tuple(f"1 {tag}" for tag in unknown)
+
+
+def test_a_plugin_that_couples_joints_is_refused(robot):
+    plugin = '<gazebo><plugin name="p" filename="libmimic.so"><mimicJoint>k</mimicJoint></plugin></gazebo>'
+    with pytest.raises(pc.FormatError, match=r"plugin p.*another machine: it closes a loop or joins bodies"):
+        pc.load(robot(CHAIN + plugin))
+    assert pc.load(robot(CHAIN + plugin), ignore=["plugin p"]).joints == pc.load(robot(CHAIN)).joints
 
 
 @pytest.mark.parametrize(

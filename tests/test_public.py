@@ -20,7 +20,7 @@ PARAMETERS = {  # those after the bar by name only
     "Assembly": "q v gaps rows rank mobility moved iterations",
     "Certificate": "position position_at velocity force force_first energy_error energy work_error undetermined "
     "not_unique beyond_limits corrected_by fixed_step ended_early error error_missing saturated speed units added "
-    "branches pulling not_finite",
+    "branches pulling not_finite not_modelled",
     "Constraint": "name function size jacobian rate moving rows step unilateral knots",
     "Coupling": "name joint other ratio offset higher",
     "Derivatives": "names values",
@@ -42,7 +42,7 @@ PARAMETERS = {  # those after the bar by name only
     "JointTorque": "torques",
     "Linearization": "t q v a lam coordinates Z mass damping stiffness",
     "Loop": "name kind frame1 frame2 xyz1 rpy1 xyz2 rpy2 axis length axis2",
-    "Mechanism": "model loops forces name guess actuated geometry duration corrected_by",
+    "Mechanism": "model loops forces name guess actuated geometry duration corrected_by ignored",
     "Modes": "eigenvalues shapes massless",
     "Motion": "start speed amplitude frequency phase",
     "Outcome": "index case value error message traceback finished",

@@ -178,6 +178,8 @@ def _print_inventory(mech):
     if mech.actuated:
         output.paragraph(f"motors: {', '.join(mech.actuated)}", hanging="  ")
     output.paragraph(f"forces: {', '.join(about['forces']) or 'none'}", hanging="  ")
+    if mech.ignored:
+        output.paragraph(f"without effect: {', '.join(mech.ignored)}", hanging="  ")
     gravity = about["gravity"]
     print(f"gravity: {f'{scene.text(gravity)} m/s²' if gravity.any() else 'none'}; duration: {mech.duration:g} s\n")
     if mech.loops:
@@ -197,7 +199,7 @@ def _inventory(mech) -> dict:
     return {
         "bodies": len(mech.joints), "nq": mech.nq, "nv": mech.nv, "actuated": mech.actuated,
         "forces": list(bound_forces(mech.model, mech.forces)), "gravity": mech.model.gravity.linear,
-        "duration": mech.duration,
+        "duration": mech.duration, "ignored": mech.ignored,
         "loops": [
             {"name": loop.name, "kind": loop.kind, "ends": _ends(loop), "rows": loop.rows} | _fields(loop)
             for loop in mech.loops

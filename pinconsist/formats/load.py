@@ -1,5 +1,6 @@
 """Files, names and Pinocchio's own objects → Mechanism."""
 
+import logging
 import os
 from dataclasses import replace
 from importlib import import_module
@@ -15,6 +16,7 @@ from ..mechanism.mechanism import Geometry, Mechanism
 from . import catalogue, loopfile
 from .reading import located
 
+_log = logging.getLogger(__name__)
 _CLOSURES = ("point", "frame", "hinge")
 _THEIR_KINDS = {
     "PointAnchorConstraintModel": "point",
@@ -59,7 +61,9 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=(),
     Returns
     -------
     Mechanism
-        Its ``continuous`` joints are plain revolute joints, one angle that counts its turns.
+        Its ``continuous`` joints are plain revolute joints, one angle that counts its turns. What the file has that
+        has no effect here (contacts, limits, plugins, unknown elements) is counted in ``ignored``, and logged in one
+        line; what would make it another machine is refused.
 
     Raises
     ------
@@ -124,6 +128,8 @@ def read_scene(
         if not closures:
             loopfile.warn_of_other_yaml(path)
     closures = _closed_by(closures, closure)
+    if robot.ignored:
+        _log.warning("%s: without effect here: %s", path, ", ".join(robot.ignored))
     with located(loop_path or path):
         return Mechanism(
             model,
@@ -134,6 +140,7 @@ def read_scene(
             actuated=tuple(dict.fromkeys((*robot.actuated, *record.actuated))),
             geometry=Geometry(robot.shapes, tuple(str(Path(folder).resolve()) for folder in folders)),
             duration=record.duration,
+            ignored=robot.ignored,
         )
 
 

@@ -17,9 +17,15 @@ from xml.parsers import expat
 from ..errors import FormatError, InputError
 from ..mechanism.checks import near as resembling
 
+DRAKE = "{http://drake.mit.edu}"  # the namespace of Drake's extensions
 LARGEST = 1e30  # of a scene's numbers, except limits: products of several of them still fit into a float
 MAX_XML_BYTES = 50_000_000
-_CLOSES = re.compile(r"loop|clos(ed|ure|ing)|constraint|equality|bushing|weld|coupl|mimic|gearbox", re.IGNORECASE)
+_CLOSES = re.compile(
+    r"loop|clos(ed|ure|ing)|constraint|equality|bushing|weld|coupl|mimic|gearbox|spring_damper|detachable",
+    re.IGNORECASE,
+)
+_CONTROLS = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+"""What a terminal would act on if a message repeated it, and what reverses the direction of text."""
 _log = logging.getLogger(__name__)
 
 _read: ContextVar[list | None] = ContextVar("files read", default=None)
@@ -36,6 +42,7 @@ class RobotFile:
     forces: tuple = ()
     guess: dict = field(default_factory=dict)  # joint → value, the initial guess of the assembly
     actuated: tuple[str, ...] = ()  # motorised joints
+    ignored: tuple[str, ...] = ()  # what has no effect, counted
 
 
 @contextmanager
@@ -134,13 +141,21 @@ def parsed(content: bytes) -> Element:
     from defusedxml.ElementTree import fromstring
 
     try:
-        return fromstring(content, forbid_dtd=True)
+        root = fromstring(content, forbid_dtd=True)
     except DefusedXmlException as error:
         raise FormatError(f"document types and entities are refused for safety ({type(error).__name__})") from error
     except (ParseError, ValueError, LookupError) as error:  # the last two: encodings
         if "unbound prefix" in str(error) and (bound := _with_prefixes_bound(content)) != content:
             return parsed(bound)
         raise FormatError(f"not well-formed XML: {error}") from error
+    for element in root.iter():
+        for key, value in element.items():
+            if _CONTROLS.search(value):
+                raise FormatError(f"{key}={short_repr(value)} has control characters", element=f"<{element.tag}>")
+        space, _, tag = str(element.tag).rpartition("}")
+        if "drake" in space:  # declared in several ways, or not at all
+            element.tag = DRAKE + tag
+    return root
 
 
 def _with_prefixes_bound(content: bytes) -> bytes:
@@ -220,16 +235,25 @@ class Node:
 
 
 def closing(elements: Iterable[Element], known: Iterable[str]) -> list[tuple[str, Element]]:
-    """(tag, element) of unknown elements that seem to close loops, by their tags; includes misspelt ``loop_joint``.
+    """(tag, element) of unknown elements that seem to join bodies, by their tags; includes misspelt ``loop_joint``.
 
-    Without them the robot would come apart, see :func:`refuse`. Other unknown elements (sensors, plugins, contact
-    parameters) do not affect the motion and are ignored.
+    Without them the robot would come apart, see :func:`refuse`. Plugins are judged by their names and files, as those
+    of Gazebo that join bodies are. Other unknown elements are counted, see :mod:`.ignored`.
     """
     found = []
     for element in elements:
         space, _, tag = str(element.tag).rpartition("}")
         tag = f"drake:{tag}" if "drake" in space else tag  # messages omit other namespaces
-        like = _CLOSES.search(tag) or difflib.get_close_matches(tag.lower(), ["loop_joint"], cutoff=0.8)
+        if tag == "plugin":
+            words = re.sub(r"open_?loop", "", f"{element.get('name', '')} {element.get('filename', '')}")
+            if _CLOSES.search(words):
+                found.append((f"plugin {element.get('name', '').rpartition('::')[2]}", element))
+            continue
+        like = (
+            tag == "drake:joint"
+            or _CLOSES.search(tag)
+            or difflib.get_close_matches(tag.lower(), ["loop_joint"], cutoff=0.8)
+        )
         if like and tag not in known:
             found.append((tag, element))
     return found
@@ -243,7 +267,8 @@ def refuse(found: Iterable[tuple[str, Element]], ignore, root: Element, content,
             _log.info("<%s> %s: left out because of ignore=", tag, name)
             continue
         raise FormatError(
-            f"the extension <{tag}> is not supported, and without it a loop would stay open; {advice}. "
+            f"the extension <{tag}> is not supported, and without it this would be another machine: it closes a loop "
+            f"or joins bodies; {advice}. "
             f"ignore=[{tag!r}] (--ignore {tag}) loads the file without it",
             element=f"line {_line(content, root, element)}, {tag}{f' {name!r}' if name else ''}",
         )

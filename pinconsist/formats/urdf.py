@@ -16,14 +16,19 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import FormatError
+from .ignored import COLLISIONS, LIMITS, Ignored
 from .joints import AS_WRITTEN, replaced
 from .reading import LARGEST, Node, RobotFile, parsed, read_bytes, require_known, text
+from .urdf_extensions import HARMLESS, ROBOT, count_extensions, springs, weightless_links
 from .urdf_loops import X_AXIS, ZERO, couplings, loop_joints, refuse_foreign, transmissions
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 UNLIMITED = 1e300  # stands for a missing limit
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 ROOT_JOINT = "root_joint"
+DEEPEST = 2000  # links in a row: Pinocchio's parser is recursive, and ends the process at 4,000 with a stack of 8 MB
+_LINK = ("inertial", "visual", "collision")
+_JOINT = ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic", "calibration", "safety_controller")
 
 # defaults for missing limits, as Pinocchio requires all four
 _LIMIT = {"lower": (-UNLIMITED,), "upper": (UNLIMITED,), "effort": (UNLIMITED,), "velocity": (UNLIMITED,)}
@@ -39,8 +44,10 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), joint_t
     that :func:`~pinconsist.formats.reading.refuse` would refuse.
     """
     content = read_bytes(path) if content is None else content
-    robot = checked(raw := parsed(content), name)
+    raw = without_namespace(parsed(content))
     refuse_foreign(raw, ignore, content)
+    robot = checked(raw, name)
+    ignored = _ignored(raw)
     loops, followers = loop_joints(raw), couplings(raw)
     types, joints = dict(joint_types or {}), {joint.get("name"): joint for joint in robot.findall("joint")}
     for joint in [joint for joint, kind in types.items() if kind in AS_WRITTEN]:
@@ -56,7 +63,25 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), joint_t
     model = replaced(model, types) if types else model
     motors = transmissions(raw, model, UNLIMITED)
     actuated = tuple(dict.fromkeys(joint for motor in motors for joint in motor.arms))
-    return RobotFile(model, urdf, loops, followers, motors, actuated=actuated)
+    forces = (*motors, *springs(raw, model), *weightless_links(raw, model))
+    return RobotFile(model, urdf, loops, followers, forces, actuated=actuated, ignored=ignored.lines())
+
+
+def _ignored(raw: Element) -> Ignored:
+    """What has no effect in a parsed ``<robot>``: each element is known by its tag, or counted."""
+    ignored = Ignored()
+    ignored.add_unknown(raw, ROBOT)
+    for link in raw.findall("link"):
+        ignored.add(COLLISIONS, len(link.findall("collision")))
+        ignored.add_unknown(link, (*_LINK, *HARMLESS), "links")
+    for joint in raw.findall("joint"):
+        limit = joint.find("limit")
+        bounded = joint.get("type") in ("revolute", "prismatic") and limit is not None
+        ignored.add(LIMITS, bounded and any(limit.get(end) for end in ("lower", "upper")))
+        ignored.add("safety controller", joint.find("safety_controller") is not None)
+        ignored.add_unknown(joint, (*_JOINT, *HARMLESS), "joints")
+    count_extensions(raw, ignored)
+    return ignored
 
 
 def _built(urdf, free_flyer, kinds):
@@ -70,11 +95,16 @@ def _built(urdf, free_flyer, kinds):
         raise FormatError(f"Pinocchio cannot build the model: {error}") from error
 
 
-def checked(raw: Element, name: str) -> Element:
-    """A clean `<robot>` from a parsed file; FormatError for the first error, with its element."""
-    namespace = raw.tag[: raw.tag.find("}") + 1]  # a default namespace is legal and has no meaning here
+def without_namespace(raw: Element) -> Element:
+    """The same element without its default namespace, which is legal and has no meaning here."""
+    namespace = raw.tag[: raw.tag.find("}") + 1]
     for node in raw.iter():
         node.tag = node.tag.removeprefix(namespace)
+    return raw
+
+
+def checked(raw: Element, name: str) -> Element:
+    """A clean `<robot>` from a parsed file; FormatError for the first error, with its element."""
     if raw.tag != "robot":
         raise FormatError(f"the root element of a URDF is <robot>, this is <{raw.tag}>")
     top, robot = Node(raw), Element("robot", name=name)
@@ -215,8 +245,13 @@ def _check_tree(links, joints):
     roots = [link for link in links if link not in joint_of]
     if len(roots) > 1:
         raise FormatError(f"the links {roots[0]!r} and {roots[1]!r} both have no parent; connect them by a joint")
+    depths = dict.fromkeys(roots, 1)
     for link in roots:  # the list grows
-        roots += children.get(link, ())
+        inner = children.get(link, ())
+        roots += inner
+        depths |= dict.fromkeys(inner, depths[link] + 1)
+        if depths[link] > DEEPEST:
+            raise links[link].error(f"more than {DEEPEST:,} links hang on each other in a row")
     if len(roots) < len(links):
         loose = next(link for link in links if link not in roots)
         raise links[loose].error("its parents do not lead to a root: the links form a cycle")

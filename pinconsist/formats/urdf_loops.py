@@ -37,7 +37,8 @@ If nothing else defines the loops of a robot, pairs of frames with the following
 ``<transmission>`` becomes an actuator. The reduction n, ``<mechanicalReduction>``, may stand in the actuator, the joint
 or the transmission. The command of the actuator is the motor's torque in N·m; n times this torque acts on the joint,
 within the joint's effort limit. ``<rotorInertia>`` (or ``<motorInertia>``) of the actuator, in kg·m², is multiplied by
-n² and added to the armature. ``DifferentialTransmission`` and ``FourBarLinkageTransmission`` connect two actuators and
+n² and added to the armature. ``<drake:gear_ratio value="n"/>`` and ``<drake:rotor_inertia>`` of the actuator, which
+Drake reads, mean the same. ``DifferentialTransmission`` and ``FourBarLinkageTransmission`` connect two actuators and
 two joints, in the order of their roles, by the equations of ROS: each actuator and each joint has a reduction, and
 there are no limits. If the rotors couple the inertias of the two joints, only the diagonal terms are used, with a
 warning. Other transmissions exert no force, also with a warning.
@@ -54,7 +55,7 @@ from ..mechanism.checks import warn
 from ..mechanism.forces import Actuator
 from ..mechanism.joint_constraints import Coupling
 from ..mechanism.loops import Loop
-from .reading import Node, closing, floats, located, refuse, require_known
+from .reading import DRAKE, Node, closing, floats, located, refuse, require_known
 
 _KINDS = {"fixed": "frame", "revolute": "hinge", "continuous": "hinge", "prismatic": "slider", "planar": "plane"}
 _KINDS |= {"spherical": "point", "ball": "point"}
@@ -64,8 +65,8 @@ ZERO, X_AXIS = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)
 _CAN_FOLLOW = ("revolute", "continuous", "prismatic")
 _ONSHAPE = re.compile(r"(closing_.+)_([12])")
 _COLLECTION = re.compile(r"(closedloop.*?)_?([AB])(_?[36]D)?", re.IGNORECASE)
-_INERTIAS = ("rotorInertia", "motorInertia")
-_REDUCTION = ("mechanicalReduction",)
+_INERTIAS = ("rotorInertia", "motorInertia", DRAKE + "rotor_inertia")
+_REDUCTION = ("mechanicalReduction", DRAKE + "gear_ratio")
 _MIXED = {  # reductions of two joints → for each actuator, its factor on each joint
     "DifferentialTransmission": lambda first, second: ((first, second), (first, -second)),
     "FourBarLinkageTransmission": lambda first, second: ((first, -first * second), (0.0, second)),
@@ -77,6 +78,10 @@ def refuse_foreign(robot: Element, ignore, content) -> None:
     """Raise FormatError for unsupported extensions that close loops; see :func:`refuse`."""
     found = closing(robot, _OWN) + [("mujoco/equality", each) for each in robot.iterfind("mujoco/equality")]
     found += [("gazebo/joint", each) for each in robot.iterfind("gazebo/joint")]  # an element of SDF
+    followers = {joint.get("name") for joint in robot.findall("joint") if joint.find("mimic") is not None}
+    for tag, element in (pair for each in robot.findall("gazebo") for pair in closing(each, ("joint",))):
+        if "mimic" not in f"{tag}{element.get('filename', '')}" or element.findtext("joint") not in followers:
+            found.append((tag, element))  # not one that repeats a <mimic> for Gazebo
     refuse(found, ignore, robot, content, "write it as <loop_joint>, <mimic> or in a loop file")
 
 
@@ -204,4 +209,9 @@ def transmissions(robot: Element, model, unlimited: float) -> tuple[Actuator, ..
 def _number(tags, nodes, default) -> float:
     """The number in the first of the elements `tags` that is found in one of the nodes."""
     children = (child for node in nodes for tag in tags if (child := node.child(tag)))
-    return next((floats(child.text(), 1, child.name)[0] for child in children), default)
+    return next((_one_number(child) for child in children), default)
+
+
+def _one_number(node) -> float:
+    """The number in an element, as its text, or in the attribute ``value`` as Drake writes it."""
+    return floats(node.get("value") or node.text(), 1, node.name)[0]

@@ -29,6 +29,7 @@ def text_of(mechanism) -> str:
         "loops": loops,
         "forces": bound_forces(model, mechanism.forces),
         "motors": mechanism.actuated,
+        "ignored": mechanism.ignored,
     }
     lines = [f"  {what:<7} {_cut(list(names))}" for what, names in parts.items() if names]
     return "\n".join([head, *lines])
@@ -57,7 +58,7 @@ def html_of(mechanism) -> str:
         motor = "motor" if name.partition("[")[0] in motors else ""
         rows.append((name, kind, f"{value:.5g} {unit}", limits, motor))
     loops = [f"{loop.kind} {loop.name}" for loop in mechanism.loops]
-    parts = {"loops": loops, "forces": bound_forces(model, mechanism.forces)}
+    parts = {"loops": loops, "forces": bound_forces(model, mechanism.forces), "ignored": mechanism.ignored}
     lists = "".join(f"<p>{what}: {escape(', '.join(each))}</p>" for what, each in parts.items() if each)
     table = _table(("joint", "kind", "guess", "limits", ""), rows)
     return f"<b>{escape(mechanism.name)}</b><br/>{svg_of(mechanism)}{table}{lists}"

@@ -60,6 +60,8 @@ class Mechanism:
         Default duration of a run of the commands, s.
     corrected_by : float
         Largest change of lengths and angles by :meth:`corrected`, m or rad; for information.
+    ignored : sequence of str
+        What its file has that has no effect here, counted: ``"5 collision shapes"``; for information.
 
     Raises
     ------
@@ -76,12 +78,13 @@ class Mechanism:
     geometry: Geometry | None = field(default=None, repr=False)
     duration: float = 5.0
     corrected_by: float = 0.0
+    ignored: tuple[str, ...] = ()
 
     def __post_init__(self):
         if not isinstance(self.model, pin.Model):
             raise InputError(f"Mechanism needs a pin.Model, got {type(self.model).__name__}")
         put(self, model=(model := checked_model(self.model)))
-        for several in ("loops", "forces", "actuated"):
+        for several in ("loops", "forces", "actuated", "ignored"):
             put(self, **{several: _sequence(getattr(self, several), several)})
         if not all(isinstance(loop, tuple(RECORDS)) for loop in self.loops):
             raise InputError(f"loops= needs Loop, Drive, Coupling and Constraint objects, got {self.loops!r}")

@@ -5,9 +5,9 @@ equalities; damping, dry friction, springs and armature of joints; gravity and g
 position, velocity and general actuators of joints, with affine gain and bias, gear and limits. Their controls are those
 of the first keyframe if there is one; otherwise they are zero, and a position actuator holds ``ref``.
 
-Joint limits, contacts, sensors and solver settings have no effect. Anything else that acts on the bodies in MuJoCo is
-refused by name. (Pinocchio's own reader takes only the first body of the world, and makes composite joints, whose
-derivatives are wrong.)
+Joint limits, limits of tendons and contacts are counted; sensors and solver settings have no effect. Anything else that
+acts on the bodies in MuJoCo is refused by name. (Pinocchio's own reader takes only the first body of the world, and
+makes composite joints, whose derivatives are wrong.)
 
 MuJoCo itself opens no files: includes are expanded here, attached models are passed as separate texts, and both must be
 in the folder of the scene. The scene is compiled twice, with different stand-ins for its meshes; if this changes an
@@ -31,6 +31,7 @@ from ...errors import FormatError, MissingExtraError
 from ...mechanism.checks import places
 from ..reading import RobotFile, finite, located, parsed, read_bytes, short_repr, text
 from ..urdf import add_visual, fixed_links
+from .ignored import counted
 from .model import Tree, pose
 
 _VISIBLE = 2  # the last group of geoms that is shown, as in MuJoCo's viewers
@@ -58,7 +59,8 @@ def read(path: Path, name: str, folders) -> RobotFile:
     guess = {joint: start[places(tree.model, i)[0]] for i, joint in enumerate(tree.joints, start=1)}
     shapes = _visible(compiled, stand_ins, tree.bodies, source.meshes)
     actuated = tuple(joint for joint, _ in actuators if joint)
-    return RobotFile(tree.model, shapes, closures, forces=forces, guess=guess, actuated=actuated)
+    ignored = counted(compiled, tree.off).lines()
+    return RobotFile(tree.model, shapes, closures, forces=forces, guess=guess, actuated=actuated, ignored=ignored)
 
 
 def _visible(m, stand_ins, bodies, meshes) -> str:

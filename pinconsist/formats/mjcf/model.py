@@ -47,12 +47,12 @@ class Tree:
         self._m = m = compiled
         _check(m)
         bits = mujoco.mjtDisableBit.__members__.items()
-        self._off = {name.removeprefix("mjDSBL_").lower() for name, bit in bits if m.opt.disableflags & bit.value}
-        self._off |= {"spring", "damper"} if "passive" in self._off else set()  # the flag of older versions
+        self.off = {name.removeprefix("mjDSBL_").lower() for name, bit in bits if m.opt.disableflags & bit.value}
+        self.off |= {"spring", "damper"} if "passive" in self.off else set()  # the flag of older versions
         self.joints, self.bodies, self.sites = _names(m)
         self.model = model = pin.Model()
         model.name = name
-        model.gravity.linear = np.array(m.opt.gravity) * ("gravity" not in self._off)
+        model.gravity.linear = np.array(m.opt.gravity) * ("gravity" not in self.off)
         self._stands = stands = []  # joint, place on it, frame
         for body in range(m.nbody):
             joint, place, frame = stands[m.body_parentid[body]] if body else (0, pin.SE3.Identity(), 0)
@@ -91,8 +91,8 @@ class Tree:
             made = getattr(pin, f"JointModel{letter}{along}")() if along else general(axis)
         joint = model.addJoint(parent, made, before, self.joints[j])
         q, v = places(model, joint)
-        friction = m.dof_frictionloss[v] * (not {"frictionloss", "constraint"} & self._off)
-        model.armature[v], model.damping[v] = m.dof_armature[v], m.dof_damping[v] * ("damper" not in self._off)
+        friction = m.dof_frictionloss[v] * (not {"frictionloss", "constraint"} & self.off)
+        model.armature[v], model.damping[v] = m.dof_armature[v], m.dof_damping[v] * ("damper" not in self.off)
         model.lowerDryFrictionLimit[v], model.upperDryFrictionLimit[v] = -friction, friction
         if kind in _JOINTS:
             ends = m.jnt_range[j] if m.jnt_limited[j] else (-np.inf, np.inf)
@@ -111,9 +111,9 @@ class Tree:
     def forces(self):
         """Springs of joints, and forces that compensate gravity."""
         m = self._m
-        for j in np.flatnonzero(m.jnt_stiffness) if "spring" not in self._off else ():
+        for j in np.flatnonzero(m.jnt_stiffness) if "spring" not in self.off else ():
             yield JointSpring(self.joints[j], float(m.jnt_stiffness[j]), float(m.qpos_spring[m.jnt_qposadr[j]]))
-        if not {"spring", "damper"} <= self._off:  # together, the two flags disable all passive forces
+        if not {"spring", "damper"} <= self.off:  # together, the two flags disable all passive forces
             for body in np.flatnonzero(m.body_gravcomp * m.body_mass):
                 force = -m.body_gravcomp[body] * m.body_mass[body] * self.model.gravity.linear
                 if self._stands[body][0]:
@@ -135,7 +135,7 @@ class Tree:
                 "it has dynamics of its own, or a delay": m.actuator_dyntype[i]
                 or getattr(m, "actuator_delay", none)[i],
                 "its gain or bias is not affine": m.actuator_gaintype[i] > 1 or m.actuator_biastype[i] > 1,
-                "the options disable it": "actuation" in self._off or m.opt.disableactuator >> group & 1,
+                "the options disable it": "actuation" in self.off or m.opt.disableactuator >> group & 1,
                 "its joint has other actuators, and a limited actuator force": any(not alone[each] for each in limited),
                 "the actuator force of its tendon, or of one of its joints, is limited": kind == _TENDON
                 and (limited or getattr(m, "tendon_actfrclimited", np.zeros(m.ntendon))[target]),
@@ -169,7 +169,7 @@ class Tree:
             ends = sorted(m.jnt_actfrcrange[first] / gear)
             low, high = ranges[1] or (-np.inf, np.inf)
             ranges[1] = float(np.clip(low, *ends)), float(np.clip(high, *ends))
-        if "clampctrl" in self._off:
+        if "clampctrl" in self.off:
             ranges[0] = ()
         affine = m.actuator_gaintype[i] == 1, m.actuator_biastype[i] == 1
         gain = m.actuator_gainprm[i, :3] * (1.0, affine[0], affine[0])
@@ -184,7 +184,7 @@ class Tree:
 
     def closures(self):
         """Loops, couplings and drives of the active equality constraints, in their order; warns of the others."""
-        m, off = self._m, sorted(self._off & {"equality", "constraint"})
+        m, off = self._m, sorted(self.off & {"equality", "constraint"})
         if m.neq:
             data = self.model.createData()
             pin.framesForwardKinematics(self.model, data, pin.normalize(self.model, self.configuration(m.qpos0)))

@@ -10,9 +10,11 @@ Versions 1.4 to 1.12 of the specification are supported. A file is converted as 
 * If a file has a single model, links, joints and frames are known by their names, otherwise as ``model::name``. Before
   version 1.7 a link and a joint may have the same name: the joint is then called ``name_joint``.
 * Damping and friction of a ball joint act about all its axes. Position limits are kept in the model, without effect.
-* Gazebo's joint controllers become forces (:mod:`.joints`). Contacts, sensors, other plugins and lights are
-  ignored. Elements that would change the motion and cannot be converted are refused: ``<include>``, kinematic links,
-  inertias computed from shapes, fluid added mass, gravity on some of the links only.
+* Gazebo's joint controllers become forces (:mod:`.joints`), and Drake's ``gear_ratio`` and ``rotor_inertia`` of a joint
+  the armature. Contacts, limits, other plugins and extensions are counted (:mod:`pinconsist.formats.ignored`); sensors
+  and lights have no effect. Elements that would change the motion and cannot be converted are refused: ``<include>``,
+  kinematic links, inertias computed from shapes, fluid added mass, gravity on some of the links only, plugins and
+  extensions that join bodies.
 * A screw joint becomes Pinocchio's helical joint. A universal joint becomes two hinges, ``name_axis`` and
   ``name_axis2``, with a massless body between them, because ``computeRNEADerivatives`` is wrong for Pinocchio's own
   universal joint.
@@ -27,16 +29,19 @@ import numpy as np
 import pinocchio as pin
 
 from ...mechanism.forces import JointSpring
-from ..reading import RobotFile, closing, parsed, read_bytes, refuse, short_repr, text
+from ..ignored import COLLISIONS, LIMITS, Ignored
+from ..reading import DRAKE, RobotFile, closing, finite, parsed, read_bytes, refuse, short_repr, text
 from ..urdf import INERTIA, SHAPES, add_visual, checked, fixed_links, symmetric
-from .document import Body, Document
+from .document import INFINITE, Body, Document
 from .graph import JointGraph, build, couplings
-from .joints import controllers, read_joints
+from .joints import LAWS, add_armature, controllers, read_joints
 
 _DEFAULT_INERTIA = dict(zip(INERTIA, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0), strict=True))  # kg·m²
 _LINK = ("pose", "inertial", "collision", "visual", "sensor", "projector", "audio_sink", "audio_source", "battery")
 _LINK += ("light", "particle_emitter", "gravity", "enable_wind", "self_collide", "kinematic", "must_be_base_link")
 _LINK += ("velocity_decay",)
+_SYSTEMS = ("Physics", "Sensors", "Contact")
+"""Plugins of a world that run Gazebo itself."""
 _log = logging.getLogger(__name__)
 
 
@@ -44,9 +49,8 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=()) -> Robo
     """Read an SDF file. Links and `<frame>` elements become frames of the model; a free-flyer is ``root_joint``."""
     raw = parsed(content := read_bytes(path))
     holders = [each for tag in ("world", "model", "joint", "axis", "axis2") for each in raw.iter(tag)]
-    found = [
-        each for holder in holders for each in closing(holder, ("mimic", "gearbox_ratio", "gearbox_reference_body"))
-    ]
+    own = ("mimic", "gearbox_ratio", "gearbox_reference_body")
+    found = [each for holder in holders for each in closing(holder, own)]
     refuse(found, ignore, raw, content, "write it as a <joint> or <mimic> of SDF")
     document = Document(raw)
     joints = read_joints(document)
@@ -61,11 +65,42 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=()) -> Robo
     springs = [JointSpring(part, axis.stiffness, axis.reference) for part, axis in motions if axis.stiffness]
     guess |= {part: axis.initial for part, axis in motions if axis.initial and model.existJointName(part)}
     shapes, loops = tostring(robot, encoding="unicode"), tuple(graph.loops(document))
+    add_armature(joints, model)
     acting = controllers(document, joints, model)
     return RobotFile(
         model, shapes, loops, tuple(couplings(joints)), forces=(*springs, *acting), guess=guess,
-        actuated=tuple(dict.fromkeys(force.joint for force in acting)),
+        actuated=tuple(dict.fromkeys(force.joint for force in acting)), ignored=_ignored(raw).lines(),
     )  # fmt: skip
+
+
+def _ignored(raw: Element) -> Ignored:
+    """What has no effect in a parsed file; misspelt elements of SDF itself are logged one by one."""
+    ignored = Ignored()
+    for holder in (each for tag in ("world", "model") for each in raw.iter(tag)):
+        for plugin in holder.findall("plugin"):
+            if plugin.get("name", "").rpartition("::")[2] not in (*LAWS, *_SYSTEMS):
+                ignored.add_plugin(plugin)
+        ignored.add("gripper", len(holder.findall("gripper")))
+        ignored.add("actor", len(holder.findall("actor")))
+        ignored.add_unknown([each for each in holder if "}" in str(each.tag)], ())
+    for link in raw.iter("link"):
+        shapes = link.findall("collision")
+        floors = sum(shape.find("geometry/plane") is not None for shape in shapes)
+        ignored.add(COLLISIONS, len(shapes) - floors)
+        ignored.add("floor", floors)
+        ignored.add("link in the wind", link.findtext("enable_wind", "").strip() in ("1", "true"))
+        ignored.add_unknown([each for each in link if "}" in str(each.tag)], (), "links")
+    for joint in raw.iter("joint"):
+        limits = joint.findall("axis/limit") + joint.findall("axis2/limit")
+        bounded = any(
+            abs(finite(limit.findtext(end), INFINITE) or 0.0) < INFINITE
+            for limit in limits for end in ("lower", "upper") if finite(limit.findtext(end), INFINITE) is not None
+        )  # fmt: skip
+        ignored.add(LIMITS, bounded and joint.get("type") not in ("continuous", "fixed", "ball"))
+        ignored.add("joint <physics>", joint.find("physics/ode") is not None)
+        extensions = [each for each in joint if "}" in str(each.tag)]
+        ignored.add_unknown(extensions, (DRAKE + "rotor_inertia", DRAKE + "gear_ratio"), "joints")
+    return ignored
 
 
 def in_urdf(document: Document, folders: list[Path]) -> Element:

@@ -94,7 +94,7 @@ class SdfNode(Node):
     def warn_unknown(self, known: tuple[str, ...]) -> None:
         """Warn of unknown children, which are probably misspelt; they have no effect."""
         for tag in dict.fromkeys(child.tag for child in self.xml):
-            if tag not in known:
+            if tag not in known and "}" not in tag:  # extensions are counted
                 _log.warning("%s: the element <%s> is not known and has no effect%s", self.name, tag, near(tag, known))
 
     def refuse_includes(self) -> None:

@@ -16,6 +16,7 @@ import pinocchio as pin
 from ...mechanism.checks import warn
 from ...mechanism.forces import Actuator
 from ...mechanism.loops import unit
+from ..reading import DRAKE
 from .document import FRAMES, WORLD, Document, SdfNode
 
 AXES = dict.fromkeys(("revolute", "continuous", "prismatic", "screw"), 1) | dict.fromkeys(("ball", "fixed"), 0)
@@ -25,7 +26,7 @@ PARALLEL = 1e-6  # sine of the angle between two axes below which they count as 
 _PARTS = ("parent", "child", "pose", "axis", "axis2", "physics", "sensor", "gearbox_ratio", "gearbox_reference_body")
 _PARTS += ("thread_pitch", "screw_thread_pitch")
 _IN_AXIS = ("xyz", "dynamics", "limit", "mimic", "use_parent_model_frame", "initial_position")
-_LAWS = {  # default gains (proportional, integral, derivative), flag of the command mode, element of the command
+LAWS = {  # default gains (proportional, integral, derivative), flag of the command mode, element of the command
     "ApplyJointForce": ((0.0, 0.0, 0.0), "", ""),
     "JointPositionController": ((1.0, 0.1, 0.01), "use_velocity_commands", "initial_position"),
     "JointController": ((1.0, 0.0, 0.0), "use_force_commands", "initial_velocity"),
@@ -73,6 +74,7 @@ class Joint:
     ratio: float = 1.0  # of a gearbox: θ₂ = -ratio θ₁, the angles of child and parent relative to the body `reference`
     reference: str = ""
     must_cut: bool = False  # the file requests that this joint close a loop
+    armature: float = 0.0  # of Drake's ``gear_ratio`` and ``rotor_inertia``, kg·m² or kg
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -115,7 +117,8 @@ class _Reader:
         reference = self._body(node, "gearbox_reference_body") if kind == "gearbox" else ""
         must_cut = node.child("physics").child("simbody").flag("must_be_loop_joint")
         kind = {"continuous": "revolute", "revolute2": "universal"}.get(kind, kind)
-        return Joint(name, kind, parent, child, pose, axes, pitch, ratio, reference, must_cut)
+        armature = _armature(node)
+        return Joint(name, kind, parent, child, pose, axes, pitch, ratio, reference, must_cut, armature)
 
     def _body(self, node, tag):
         return self.document.body(self.document.resolve(self.scope, node.word(tag), f"{node.name}: {tag}"))
@@ -178,6 +181,27 @@ def _dynamics(node: SdfNode) -> list[float]:
     return [*values, node.value("spring_reference")]
 
 
+def _armature(node: SdfNode) -> float:
+    """The inertia of a motor's rotor as the joint feels it: the gear ratio squared times the rotor inertia."""
+    inertia, gear = node.value(DRAKE + "rotor_inertia"), node.value(DRAKE + "gear_ratio", 1.0)
+    if inertia < 0.0:
+        raise node.error(f"its rotor inertia is negative: {inertia:g}")
+    return gear**2 * inertia
+
+
+def add_armature(joints, model) -> None:
+    """Add the rotors of the joints of a file to the armature of the model; warns of those without effect."""
+    for joint in joints:
+        if not joint.armature:
+            continue
+        if len(joint.parts) == 1 and model.existJointName(joint.name):
+            i = model.getJointId(joint.name)
+            if model.nvs[i] == 1:
+                model.armature[model.idx_vs[i]] += joint.armature
+                continue
+        warn(f"joint {joint.name!r}: its rotor inertia has no effect, as it closes a loop or has not one axis")
+
+
 def _pitch(node: SdfNode) -> float:
     """The pitch in m per revolution, positive for a right-handed thread, as in libsdformat.
 
@@ -197,7 +221,7 @@ def controllers(document, joints, model) -> tuple[Actuator, ...]:
     known, found = {joint.name: joint for joint in joints}, {}
     for node, scope in document.plugins:
         kind = node.get("name").rpartition("::")[2]
-        for given in node.children("joint_name") if kind in _LAWS else ():
+        for given in node.children("joint_name") if kind in LAWS else ():
             short = document.short_in(scope, given.text())
             joint = known.get(short) or known.get(f"{short}_joint")
             if joint is None:
@@ -208,7 +232,7 @@ def controllers(document, joints, model) -> tuple[Actuator, ...]:
                 "its joint closes a loop, or has no such axis": not (there and model.existJointName(name))
                 or model.nvs[model.getJointId(name)] != 1,
                 "it prescribes the motion of its joint, as a Drive does": kind != "ApplyJointForce"
-                and node.flag(_LAWS[kind][1]) == (kind == "JointPositionController"),
+                and node.flag(LAWS[kind][1]) == (kind == "JointPositionController"),
             }
             if why := next((reason for reason, holds in reasons.items() if holds), ""):
                 warn(f"{kind} {name!r}: it exerts no force here: {why}")
@@ -220,7 +244,7 @@ def controllers(document, joints, model) -> tuple[Actuator, ...]:
 
 def _controller(label, joint, kind, node, effort) -> Actuator:
     """The force u, p (u - θ) - d θ', or p (u - θ'), within Gazebo's limits."""
-    defaults, _, first = _LAWS[kind]
+    defaults, _, first = LAWS[kind]
     ends = () if math.isinf(effort) else (-effort, effort)
     if kind == "ApplyJointForce":
         return Actuator(label, joint, force_range=ends)
