@@ -348,12 +348,14 @@ def test_a_coordinate_outside_of_its_limits_is_told(run, bar):
     """The closed rocker stands at -1.413; by whole turns it may be elsewhere."""
     wrong = "rocker = -1.41339 is outside the limits of its file, -1 … 1: a wrong anchor or guess?"
     path = bar(LIMITED)
+    without = f"{path}: without effect here: limits of 1 joint (watched, not enforced)"
     code, _, err = run("check", path)
-    assert code == 0 and err == f"pinconsist: warning: {wrong}\n"
-    assert json.loads(run("check", path, "--json")[1])["warnings"] == [wrong]
-    assert run("simulate", path, "--until", 0)[2] == f"pinconsist: warning: {wrong}\n"
+    assert code == 0 and err == f"pinconsist: warning: {without}\npinconsist: warning: {wrong}\n"
+    found = json.loads(run("check", path, "--json")[1])
+    assert found["warnings"] == [wrong] and found["ignored"] == ["limits of 1 joint (watched, not enforced)"]
+    assert run("simulate", path, "--until", 0)[2] == err
     path.write_text(path.read_text().replace('lower="-1" upper="1"', 'lower="4" upper="5"'))
-    assert run("check", path)[2] == ""
+    assert run("check", path)[2] == f"pinconsist: warning: {without}\n"
 
 
 def test_a_loop_file_that_is_overlooked_is_told_with_the_option_that_names_it(run, bar):

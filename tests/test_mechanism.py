@@ -183,8 +183,8 @@ def test_joint_damping_and_friction_of_the_model_act():
     np.testing.assert_allclose(damped.v[:, 0], 3.0 * np.exp(-0.25 * damped.t), rtol=1e-8)
     model.damping[:] = 0.0
     model.upperDryFrictionLimit[:] = 1.5
-    sol = pc.simulate(pc.Mechanism(model), (0.0, 5.0), v0={"hinge": 3.0}, step=0.005, max_order=2)
-    assert sol.v[200, 0] == pytest.approx(3.0 - 0.75 * sol.t[200], rel=1e-6)  # t = 1 s, sliding
+    sol = pc.simulate(pc.Mechanism(model), (0.0, 5.0), v0={"hinge": 3.0}, t_eval=[0.0, 1.0, 5.0])
+    assert sol.v[1, 0] == pytest.approx(3.0 - 0.75, rel=1e-5)  # sliding
     assert abs(sol.v[-1, 0]) < 1e-6  # stopped after v0 I / f = 4 s
 
 

@@ -83,7 +83,8 @@ class JointFriction(ForceRecord):
     The smoothed law does not stick. A joint that dry friction would hold creeps at v = width·artanh(load / f): 0.11 mm
     in 10 s at 80 % of f and the default width. Velocities that are near zero are resolved to the width, whatever the
     tolerances; a smaller width, down to 1e-6, changes the number of steps little, but with BDF at tight tolerances
-    Newton's iteration may fail where joints are released from rest.
+    Newton's iteration may fail where joints are released from rest. At a fixed step it fails where joints come to rest,
+    unless the width is at least a third of the change of velocity that friction makes in a step.
 
     Parameters
     ----------
