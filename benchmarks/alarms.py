@@ -9,6 +9,7 @@ from functools import lru_cache
 from typing import Annotated
 
 import numpy as np
+import pinocchio as pin
 
 from pinconsist import InputError, PinconsistError, Torque, simulate
 from pinconsist.cli import output
@@ -34,7 +35,7 @@ OF_ERRORS = ("loops", "velocities", "forces", "energy", "error")
 BARS = {"q": 100.0, "v": 100.0, "force": 0.01}
 """Errors of q and v in tolerances, and of forces relative to the largest, at which a verdict must not be ok."""
 ROUNDING = 1e-9
-"""Of the other forces: loop forces that are all smaller are rounding."""
+"""Of the other forces, and of masses times squared speeds: loop forces that are all smaller are rounding."""
 NEAR, FAR = 3.0, 10.0
 """Factors between estimated and true errors: that of a good estimate, and that beyond which ``ok`` misleads."""
 
@@ -216,7 +217,8 @@ def judged(row: Judged, until: float) -> Judged:
     certificate = sol.check(error=True)  # on a busy machine, a second run may take more than check() waits
     seconds = time.perf_counter() - began
     error = certificate.error
-    stated = (error.q, error.v, max(error.force, certificate.force)) if error else (0.0, 0.0, certificate.force)
+    forces = max(error.force, certificate.force) if error else certificate.force
+    stated = (float(error.q), float(error.v), float(forces)) if error else (0.0, 0.0, float(forces))
     true, tolerances = true_errors(sol, reference, row.tol)
     return replace(
         row, verdict=certificate.verdict, concerns=tuple(certificate._named_concerns), estimated=error is not None,
@@ -237,7 +239,8 @@ def true_errors(sol, reference, tol):
     q, v, force = np.max(found, axis=0)
     over = off(reference, states)
     others = np.abs(sol.system.evaluate(sol.t[0], sol.q[0], sol.v[0], 0.0 * sol.v[0])[0]).max()
-    scale = max(*sizes, ROUNDING * others) or 1.0
+    masses = np.abs(pin.crba(sol.system.model, sol.system.model.createData(), sol.q[0])).max()
+    scale = max(*sizes, ROUNDING * others, ROUNDING * masses * np.abs(sol.v).max() ** 2) or 1.0
     return (float(q), float(v), float(force / scale)), (over["q"] / tol, over["v"] / tol)
 
 
