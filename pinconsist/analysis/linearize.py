@@ -67,6 +67,14 @@ class Linearization(Locked):
     _scale: float = field(repr=False)
     _about: tuple = field(repr=False)  # mechanism, q0, v0
 
+    def __str__(self):
+        matrices = {"mass": self.mass, "damping": self.damping, "stiffness": self.stiffness}
+        lines = [f"at t = {self.t:g} s, mass·y'' + damping·y' + stiffness·y = 0 for y of {', '.join(self.coordinates)}"]
+        for name, matrix in matrices.items():
+            text = np.array2string(matrix, precision=6, suppress_small=True, prefix=f"{name:<10}", max_line_width=100)
+            lines.append(f"{name:<10}{text}")
+        return "\n".join(lines)
+
     @property
     def A(self) -> np.ndarray:
         """The matrix of the first-order form (y, y')' = A (y, y'), shape (2n, 2n).

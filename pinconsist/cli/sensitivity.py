@@ -10,7 +10,7 @@ from . import output, scene
 from .scene import QUANTITY, Texts, option
 
 SHARE = 0.01  # relative change of a parameter
-KINDS = ("mass", "length", "stiffness", "damping", "friction", "gravity")
+KINDS = ("mass", "length", "anchor", "stiffness", "damping", "friction", "gravity")
 
 
 @scene.loads_scene
@@ -20,8 +20,8 @@ def sensitivity(
         "--of", "QUANTITY", "A frame (its position), a joint, a loop (its multipliers) at the end of the run; or, in "
         f"quotes, {QUANTITY}.")] = "",
     to: Annotated[Texts, option(
-        "--to", "NAME ...", "The parameters: all of a kind (mass, length, stiffness, damping, friction, gravity), or "
-        "by name, such as mass:coupler or motor.speed.")] = None,
+        "--to", "NAME ...", "The parameters: all of a kind (mass, length, anchor, stiffness, damping, friction, "
+        "gravity), or by name, such as mass:coupler or motor.speed.")] = None,
     start: scene.From = 0.0,
     until: scene.Until = None,
     with_velocity: scene.WithVelocity = None,
@@ -46,7 +46,7 @@ def sensitivity(
     mech = source.load()
     import numpy as np
 
-    from ..mechanism.parameters import names_of
+    from ..mechanism.parameters import about_length, names_of
     from ..quantities import Quantity
 
     quantity = Quantity.of(of, mech)
@@ -63,7 +63,8 @@ def sensitivity(
         value, by = quantity.value(found.solution), found.of(quantity)
     labels = quantity.labels(found.solution)
     rows = [
-        {"parameter": name, "value": own, "derivatives": each, "percent": SHARE * abs(own) * np.linalg.norm(each)}
+        {"parameter": name, "about": about_length(mech, name), "value": own, "derivatives": each}
+        | {"percent": SHARE * abs(own) * np.linalg.norm(each)}
         for name, own, each in zip(found.names, found.values, np.atleast_2d(by).T, strict=True)
     ]
     if as_json:
@@ -71,7 +72,8 @@ def sensitivity(
         output.print_json({**about, "rows": rows, "refused": refused})
         return output.FINE
     rows.sort(key=lambda row: -row["percent"])
-    cells = [(row["parameter"], row["value"], *row["derivatives"], row["percent"]) for row in rows]
+    named = [f"{row['parameter']} ({row['about']})" if row["about"] else row["parameter"] for row in rows]
+    cells = [(name, row["value"], *row["derivatives"], row["percent"]) for name, row in zip(named, rows, strict=True)]
     heads = ("parameter", "value>.6g", *(f"d {label}>.4e" for label in labels), "by 1 %>.2e")
     for name, why in refused.items():
         output.paragraph(f"left out: {name}: {why}", hanging="  ")

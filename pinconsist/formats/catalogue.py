@@ -90,6 +90,11 @@ def find(source: str | os.PathLike) -> Source:
             raise InputError(f"{reason}. Built-in models: {', '.join(names)}")
         supported = "URDF (.urdf, with a loop file .yaml next to it or passed as loops=), SDF (.sdf) and MJCF (.xml)"
         kind = path.suffix or "without suffix"
+        if kind in (".html", ".npz"):
+            supported += {
+                ".html": "; a page is opened in a browser, and the run in it is kept by --out run.npz (sol.save)",
+                ".npz": "; this is a saved run, not a scene: plot and replay read it, and Solution.load",
+            }[kind]
         raise FormatError(f"files of type {kind!r} cannot be read; supported are {supported}", path=path)
     return Source(path, path.stem if path.stem not in ("robot", "model") else path.resolve().parent.name)
 

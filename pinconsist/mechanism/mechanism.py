@@ -146,7 +146,9 @@ class Mechanism:
         if joint not in self.joints:
             known = ", ".join(self.joints[:12]) + (", …" if len(self.joints) > 12 else "")
             resembling = near(joint, self.joints) if len(self.joints) > 12 else ""
-            raise InputError(f"{self.name}: no joint {joint!r}{resembling}; the joints are {known}")
+            frame = isinstance(joint, str) and self.model.existFrame(joint)
+            hint = f"; {joint!r} is a frame: its motion is sol.frame({joint!r})" if frame else ""
+            raise InputError(f"{self.name}: no joint {joint!r}{resembling}; the joints are {known}{hint}")
         return self.model.getJointId(joint)
 
     def configuration(self, values, base=None) -> np.ndarray:

@@ -6,7 +6,8 @@
 ``com:NAME[i]``          its centre of mass in the axes of the joint, m; i is 0, 1, 2
 ``inertia:NAME[ij]``     its inertia about the centre of mass in these axes, kg·m²; ij is xx, xy, yy, xz, yz, zz
 ``length:NAME``          of a loop or spring that has a length; otherwise the distance of a joint from its parent joint,
-                         or of a frame from its joint, m; the direction does not change
+                         or of a frame from its joint, m; the direction does not change. It is a length of the body on
+                         which the joint sits, not of the one that it carries
 ``stiffness:NAME``       of a spring or servo, by its label or joint
 ``damping:NAME``         of a spring, servo or joint
 ``friction:NAME``        of a joint
@@ -30,6 +31,7 @@ from .checks import near, number
 from .forces import JointDamping, JointFriction, bound_forces, model_forces
 from .forces.actuators import Table
 from .forces.force import ForceRecord
+from .loops import GROUND
 
 AXES = {name: i for i, axis in enumerate("xyz") for name in (f"gravity.{axis}", f"gravity[{i}]")}
 OF_INERTIA = {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1), "xz": (0, 2), "yz": (1, 2), "zz": (2, 2)}
@@ -100,9 +102,21 @@ def names_of(mechanism, kind: str) -> list[str]:
     if kind in ("damping", "friction"):
         values = getattr(model, kind)
         return [f"{kind}:{joint}" for _, joint in joints if values[mechanism.columns(joint)].any()]
+    if kind == "anchor":
+        numbers = [(loop.name, path) for loop in mechanism.loops for path in numbers_of(loop)]
+        return [f"anchor:{name}.{path[0]}[{path[1]}]" for name, path in numbers if path[0] in ("xyz1", "xyz2")]
     if kind == "gravity":
         return [f"gravity[{i}]" for i in range(3) if model.gravity.linear[i]]
     return [f"{label}.{'.'.join(path)}" for label, path in _numbers(mechanism) if path[-1] == kind]
+
+
+def about_length(mechanism, name: str) -> str:
+    """What the length of a joint is, ``crank to coupler``: that of its parent's body; empty for other parameters."""
+    kind, _, joint = name.partition(":")
+    if kind != "length" or joint in records_of(mechanism) or joint not in mechanism.joints:
+        return ""
+    parent = mechanism.model.parents[mechanism.joint_index(joint)]
+    return f"{mechanism.model.names[parent] if parent else GROUND} to {joint}"
 
 
 def _numbers(mechanism) -> list[tuple[str, tuple]]:
@@ -197,7 +211,10 @@ def _of_tree(mechanism, name, kind, whose) -> Parameter:
     arm = pose(model).translation.copy()
     size = float(np.linalg.norm(arm))
     if size == 0.0:
-        raise InputError(f"{name!r}: {whose!r} is at the origin of its parent, so its length has no direction")
+        raise InputError(
+            f"{name!r}, the distance of {whose!r} from its parent, is zero, so that it has no direction"
+            f"{_lengths_of_body(mechanism, whose)}"
+        )
 
     def put_length(mechanism, value):
         model = mechanism.model.copy()
@@ -205,6 +222,20 @@ def _of_tree(mechanism, name, kind, whose) -> Parameter:
         return replace(mechanism, model=model)
 
     return Parameter(name, size, put_length)
+
+
+def _lengths_of_body(mechanism, joint) -> str:
+    """Where the lengths of the body that a joint carries are: at the joints and anchors on it."""
+    if joint not in mechanism.joints:
+        return ""
+    model, i = mechanism.model, mechanism.joint_index(joint)
+    lengths = names_of(mechanism, "length")
+    found = [name for name in lengths if model.parents[model.getJointId(name.partition(":")[2])] == i]
+    for loop in mechanism.loops:
+        for end, anchor in (("xyz1", getattr(loop, "frame1", "")), ("xyz2", getattr(loop, "frame2", ""))):
+            if anchor and model.existFrame(anchor) and model.frames[model.getFrameId(anchor)].parentJoint == i:
+                found.append(f"anchor:{loop.name}.{end}[0]")
+    return f"; the lengths of the body that it carries are {', '.join(found)}" if found else ""
 
 
 def _number_of(name, place, i, record, path) -> Parameter:
@@ -243,7 +274,7 @@ def unknown(mechanism, name, also=(), listed="") -> UnknownParameterError:
     joints, named = (", ".join([*names][:12]) + ", …" * (len(names) > 12) for names in (mechanism.joints, records))
     return UnknownParameterError(
         f"{mechanism.name} has no parameter {name!r}{near(name, known)}. Its parameters are mass:, com:, inertia:, "
-        f"length:, damping: and friction: of the joints {joints} and their bodies, the numbers of "
+        f"length:, damping: and friction: of the joints {joints} and their bodies, anchor:LOOP.xyz1[0], the numbers of "
         f"{named or 'no loop or force'} (NAME.NUMBER), gravity[0], gravity[1], gravity[2]{listed}"
     )
 

@@ -1,5 +1,6 @@
 """The panels of each picture of a solution: one look, legible in grey, curves over time, and names of columns."""
 
+from collections.abc import Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -180,6 +181,12 @@ class DrawnSolution:
     def __init__(self, sol, mech=None):
         self.sol, self.system = sol, getattr(sol, "system", None)
         self.mech = mech if mech is not None else getattr(self.system, "mechanism", None)
+        missing = [name for name in ("t", "q", "v", "lam") if not hasattr(sol, name)]
+        if missing:
+            several = "; pc.plot({name: run, …}, quantity) draws several runs" if isinstance(sol, Mapping) else ""
+            raise InputError(
+                f"a figure needs a Solution, or an object with t, q, v and lam, got {type(sol).__name__}{several}"
+            )
         self.t = np.asarray(sol.t, float)
         if not self.t.size:
             raise InputError("the solution has no rows to draw")

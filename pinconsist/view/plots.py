@@ -223,8 +223,14 @@ def plot_comparison(rows, file=None) -> Figure:
     MissingExtraError
         matplotlib is not installed.
     """
-    rows = list(rows)
-    records = [row if isinstance(row, Mapping) else vars(row) for row in rows]
+    rows = list(rows.values() if isinstance(rows, Mapping) else rows)
+    records = [row if isinstance(row, Mapping) else getattr(row, "__dict__", {}) for row in rows]
+    for record, row in zip(records, rows, strict=True):
+        if missing := [name for name in ("h", "t", "exact", "consistent") if name not in record]:
+            raise InputError(
+                f"plot_comparison needs rows of paper.compare, or records with h, t, exact and consistent; "
+                f"a {type(row).__name__} has no {missing[0]}"
+            )
     lines, columns = -(-len(records) // 3), min(len(records), 3)
     with new_figure(max(3.3 * columns, 4.5), 2.9 * lines + 0.6, file) as figure:
         if not records:

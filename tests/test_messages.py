@@ -1,0 +1,133 @@
+"""What a user reads after a mistake: the thing that was wrong by its name, and what to use instead."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+from helpers.command_line import called
+
+import pinconsist as pc
+
+
+@pytest.fixture(scope="module")
+def sol():
+    return pc.simulate(pc.load("four_bar"), (0.0, 0.1))
+
+
+@pytest.fixture
+def run(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return partial(called, capsys)
+
+
+PLOTS = "solution trajectory multipliers forces drift energy steps phase".split()
+
+
+@pytest.mark.parametrize("name", PLOTS)
+@pytest.mark.parametrize("wrong", [None, "run", 3.0, [1, 2]], ids=repr)
+def test_figures_say_what_they_need(name, wrong):
+    pytest.importorskip("matplotlib")
+    with pytest.raises(pc.InputError, match=f"needs a Solution.* got {type(wrong).__name__}"):
+        getattr(pc, f"plot_{name}")(wrong)
+
+
+def test_a_figure_of_several_runs_is_plot(sol):
+    pytest.importorskip("matplotlib")
+    with pytest.raises(pc.InputError, match=r"got dict; pc.plot\(\{name: run, …\}, quantity\) draws several runs"):
+        pc.plot_trajectory({"a": sol})
+
+
+@pytest.mark.parametrize("wrong", [[3], ["text"], {"a": None}, [{"h": 0.1}]], ids=repr)
+def test_a_comparison_needs_its_rows(wrong):
+    pytest.importorskip("matplotlib")
+    with pytest.raises(pc.InputError, match=r"needs rows of paper.compare.* has no (h|t)"):
+        pc.plot_comparison(wrong)
+
+
+def test_a_frame_is_no_joint(sol):
+    with pytest.raises(pc.InputError, match=r"no joint 'rocker_tip'.*is a frame.*sol.frame\('rocker_tip'\)"):
+        sol.position("rocker_tip")
+    assert sol.frame("rocker_tip").t is not None
+
+
+def test_a_linearization_is_readable():
+    text = str(pc.linearize(pc.load("four_bar")))
+    assert text.splitlines()[0].endswith("for y of crank")
+    assert [line.split()[0] for line in text.splitlines()[1:]] == ["mass", "damping", "stiffness"]
+    assert "_about" not in text and "mechanism" not in text.lower()
+
+
+def test_options_are_spelt_as_they_are_typed(run):
+    code, _, err = run("simulate", "four_bar", "--rtoll", "1e-3")
+    assert code == 2 and "--rtoll" in err and "--rtol)" in err and "----" not in err
+
+
+@pytest.mark.parametrize(("name", "told"), [
+    ("run.html", "a page is opened in a browser, and the run in it is kept by --out run.npz"),
+    ("run.npz", "this is a saved run, not a scene"),
+])  # fmt: skip
+def test_files_of_another_kind_say_what_they_are(run, name, told):
+    with open(name, "w") as file:
+        file.write("x")
+    code, _, err = run("check", name)
+    assert code == 2 and told in " ".join(err.split()) and "Traceback" not in err
+
+
+COMMANDS = {
+    "check": ("check",), "simulate": ("simulate",), "sweep": ("sweep", "--vary", "mass:crank=1,2"),
+    "sensitivity": ("sensitivity", "--of", "crank", "--to", "mass"), "replay": ("replay",), "plot": ("plot",),
+}  # fmt: skip
+FILES = {
+    "missing.urdf": None, "folder.urdf": "folder", "empty.urdf": "", "text.urdf": "no XML", "other.urdf": "<a/>",
+    "text.xml": "no XML", "text.sdf": "<sdf>", "text.npz": "no zip",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("file", FILES)
+@pytest.mark.parametrize("command", COMMANDS)
+def test_wrong_files_are_one_message_and_code_2(run, tmp_path, command, file):
+    content = FILES[file]
+    if content == "folder":
+        (tmp_path / file).mkdir()
+    elif content is not None:
+        (tmp_path / file).write_text(content)
+    first, *rest = COMMANDS[command]
+    code, _, err = run(first, file, *rest)
+    assert code == 2 and err.startswith("pinconsist: error:") and "Traceback" not in err
+    assert file.split(".")[0] in err
+
+
+@pytest.mark.parametrize("wrong", [
+    ("--at", "nothing=1"), ("--with-velocity", "nothing=1"), ("--until", "soon"), ("--until", "nan"), ("--rtol", "-1"),
+    ("--method", "Euler"), ("--at", "crank=x"), ("--order", "99"), ("--closure", "glue"), ("--force", "x"),
+], ids=" ".join)  # fmt: skip
+def test_wrong_options_are_one_message_and_code_2(run, wrong):
+    code, _, err = run("simulate", "four_bar", *wrong)
+    assert code == 2 and err.startswith("pinconsist: error:") and "Traceback" not in err
+
+
+def test_lengths_say_whose_they_are(run):
+    """The length of the crank is where the coupler sits on it; it has no other."""
+    code, out, err = run("sensitivity", "four_bar", "--of", "coupler_tip", "--to", "length", "anchor", "--until", 0.1)
+    assert code == 0, err
+    text = " ".join(out.split())
+    assert "(crank to" in text and "anchor:coupler_rocker.xyz1[0]" in text
+    with pytest.raises(pc.InputError, match=r"'length:crank'.* is zero.*body that it carries are length:coupler"):
+        pc.load("four_bar").with_parameters({"length:crank": 1.0})
+
+
+def test_anchors_that_a_command_names_are_those_that_move(run):
+    """The derivative by an anchor is that of assembled and simulated differences."""
+    code, out, err = run("sensitivity", "four_bar", "--of", "crank", "--to", "anchor", "--until", 0.2, "--json")
+    assert code == 0, err
+    import json
+
+    found, mech = json.loads(out), pc.load("four_bar")
+    row = next(row for row in found["rows"] if row["parameter"] == "anchor:coupler_rocker.xyz1[0]")
+
+    def crank(change):
+        shifted = mech.with_parameters({"anchor:coupler_rocker.xyz1[0]": row["value"] + change})
+        return pc.simulate(shifted, (0.0, 0.2), method="Radau", rtol=1e-11, atol=1e-13).position("crank")[-1]
+
+    step = 1e-4
+    assert np.ravel(row["derivatives"])[0] == pytest.approx((crank(step) - crank(-step)) / (2 * step), rel=1e-5)
