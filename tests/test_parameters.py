@@ -63,7 +63,7 @@ def test_all_of_a_kind():
         "mass:coupla": "no parameter 'mass:coupla'; similar: mass:coupler",
         "com:coupler": r"needs com:coupler\[0\] or com:coupler\[1\]",
         "inertia:coupler[ab]": r"needs inertia:coupler\[xx\]",
-        "length:crank": "is at the origin of its parent",
+        "length:crank": "the lengths of the body that it carries are length:coupler",
         "stiffness:crank": "no parameter 'stiffness:crank'",
         "anchor:rocker_grund.xyz2[0]": "no parameter",
         "rocker_ground.xyz2.7": "has no number 'xyz2.7'",
