@@ -343,7 +343,7 @@ def _compiled(system, states, workspace):
     labels = add(twin)
     if not twin.calls_python:
         for _ in range(min(THREADS, _processors(), len(states[0]) // max(A_THREAD, system.nv**2 // 10)) - 1):
-            add(blank_system(system.model, system.model.createData()))
+            add(blank_system(system.model))
     if (found := load()[0].certified(systems, system.kept, *states)) is None:
         return None
     *residuals, energies, acting = found

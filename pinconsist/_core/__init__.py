@@ -11,7 +11,6 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-import pinocchio  # loads the libraries that the compiled module is linked with
 
 from ..dae import tuning
 from ..dae.radau_table import table
@@ -58,11 +57,6 @@ def load():
         return None, (
             f"the compiled part of pinconsist, {twin.__file__}, does not have the version of the Python code in "
             f"{Path(__file__).parent}; {again}"
-        )
-    if twin.PINOCCHIO_VERSION != pinocchio.__version__:
-        return None, (
-            f"the compiled part of pinconsist was built for Pinocchio {twin.PINOCCHIO_VERSION}, but this is "
-            f"{pinocchio.__version__}; {again}"
         )
     from scipy.integrate import DOP853
     from scipy.linalg import cython_lapack

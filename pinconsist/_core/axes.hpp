@@ -12,7 +12,7 @@ namespace pinconsist {
 class TurningAxes {
 public:
   explicit TurningAxes(const Model &model) : model_(model), joint_of_(model.nv, -1), moved_(model.nq), way_(model.nv) {
-    const Vec neutral = pinocchio::neutral(model);
+    const Vec neutral = library::neutral(model);
     const Vec still = Vec::Zero(model.nv);
     for (int i = 1; i < model.njoints; ++i) {
       if (model.nvs[i] < 2) continue;
@@ -21,11 +21,10 @@ public:
       bool turns = false;
       for (int place = 0; place < 3; ++place) {
         way_ = (Vec::LinSpaced(model.nv, 1.0, model.nv).array() * 2.3 + 7.0 * place).sin();
-        pinocchio::integrate(model_, neutral, way_, moved_);
-        model.joints[i].calc(joint.work, moved_, still);
-        const Mat S = joint.work.S().matrix();
+        library::integrate(model_, neutral, way_, moved_);
+        Mat S = library::motion_subspace(model, i, joint.work, moved_, still);
         if (place) turns |= (S - first).cwiseAbs().maxCoeff() > CONSTANT;
-        else first = S;
+        else first = std::move(S);
       }
       if (!turns) continue;
       for (int k = 0; k < joint.n; ++k) joint_of_[joint.column + k] = static_cast<int>(joints_.size());
@@ -80,7 +79,6 @@ private:
 
   void differentiate(Joint &joint, const Data &data, const Vec &q, const Vec &v, const Vec &a) {
     const int n = joint.n;
-    const auto &model = model_.joints[joint.index];
     const auto own_v = v.segment(joint.column, n), own_a = a.segment(joint.column, n);
     joint.S.setZero(6, n * n);
     joint.speeds.setZero(6, n);
@@ -91,10 +89,9 @@ private:
       for (const auto &[place, weight] : {std::pair(1, 45.0), std::pair(2, -9.0), std::pair(3, 1.0)})
         for (const double side : {1.0, -1.0}) {
           way_[joint.column + j] = side * place * STEP;
-          pinocchio::integrate(model_, q, way_, moved_);
-          model.calc(joint.work, moved_, v);
+          library::integrate(model_, q, way_, moved_);
+          const Six6 S = library::motion_subspace(model_, joint.index, joint.work, moved_, v);
           const double share = side * weight / (60.0 * STEP);
-          const Six6 S = joint.work.S().matrix();
           joint.S.middleCols(j * n, n) += share * S;
           joint.rates.col(j) += share * (S * own_a + joint.work.c().toVector());
         }
@@ -106,7 +103,7 @@ private:
     for (int j = 0; j < n; ++j)
       for (const double side : {1.0, -1.0}) {
         speed[joint.column + j] = own_v[j] + side * step;
-        model.calc(joint.work, q, speed);
+        library::motion_subspace(model_, joint.index, joint.work, q, speed);
         joint.by_v.col(j) += (0.5 * side / step) * joint.work.c().toVector();
         speed[joint.column + j] = own_v[j];
       }

@@ -11,6 +11,7 @@ from ..dae.segments import not_made_again
 from ..errors import SingularSystemError
 from . import load
 from .compiled_system import CompiledIndex1, compiled_system, with_all_rows
+from .tree import workspace
 
 
 def index1_of(system, compiled: bool) -> Index1:
@@ -24,7 +25,7 @@ def _known_rates(parameters):
     """The compiled known derivatives, or None if there are none."""
     if not parameters.known:
         return None
-    rates = load()[0].Rates(*parameters.workspace)
+    rates = load()[0].Rates(workspace(load()[0], *parameters.workspace))
     for columns, parts in parameters.known:
         for weight, part in parts:
             part.hand_over(rates, columns, weight)

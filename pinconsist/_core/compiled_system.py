@@ -19,6 +19,7 @@ from ..dae.stepper import Stepper
 from ..dae.tuning import FAILURES
 from ..errors import AssemblyError, PinconsistError, SingularSystemError
 from . import load
+from .tree import workspace
 
 
 def compiled_system(system):
@@ -26,22 +27,25 @@ def compiled_system(system):
     module = load()[0]
     if not hasattr(system, "hand_over"):
         return module.CallbackSystem(system)
-    compiled = module.MechanismSystem(system.model, system.data)
+    compiled = blank_system(system.model, system.data)
     system.hand_over(compiled)
     return compiled
 
 
 def with_all_rows(system):
     """A compiled system of a mechanism with all rows of its loops, dependent ones included, without forces."""
-    compiled = load()[0].MechanismSystem(system.model, system.data)
+    compiled = blank_system(system.model, system.data)
     system.all_rows().hand_over(compiled)
     return compiled
 
 
-def blank_system(model, data):
-    """A compiled system of a model without rows and forces, on this workspace; None without the compiled part."""
+def blank_system(model, data=None):
+    """A compiled system of a model without rows and forces; None without the compiled part.
+
+    Systems with the same `data` of Pinocchio share a workspace; without, it has one of its own.
+    """
     module = load()[0]
-    return None if module is None else module.MechanismSystem(model, data)
+    return None if module is None else module.MechanismSystem(workspace(module, model, data))
 
 
 class CompiledRun(Stepper):

@@ -2,22 +2,21 @@
 #pragma once
 
 #include "charts.hpp"
-
-#include <pinocchio/algorithm/joint-configuration.hpp>
+#include "tree.hpp"
 
 namespace pinconsist {
 
 class LieGroup {
 public:
-  explicit LieGroup(const pinocchio::Model &model) : nv_(model.nv), power_(nv_), next_(nv_) {
+  explicit LieGroup(const Model &model) : nv_(model.nv), power_(nv_), next_(nv_) {
     const double s = 1e-3;
-    const Vec q = pinocchio::neutral(model);
+    const Vec q = library::neutral(model);
     Mat ahead = Mat::Zero(nv_, nv_), back = ahead;
     if (model.nq == nv_) return;
     for (int i = 0; i < nv_; ++i) {
       const Vec unit = s * Vec::Unit(nv_, i);
-      pinocchio::dIntegrate(model, q, unit, ahead, pinocchio::ARG0);
-      pinocchio::dIntegrate(model, q, Vec(-unit), back, pinocchio::ARG0);
+      library::differentiate_integration(model, q, unit, ahead);
+      library::differentiate_integration(model, q, -unit, back);
       const Mat C = ((back - ahead) / (2.0 * s)).array().round();
       for (int k = 0; k < nv_; ++k)
         for (int j = 0; j < nv_; ++j)

@@ -160,7 +160,7 @@ inline Certified certified(const std::vector<std::pair<MechanismSystem *, Forces
       system->constraint(t[i], q, rate);
       if (!exact.find(t[i], q, rate, result.exact.row(i))) return INF;
       acting = std::max({acting, largest(system->inertial_forces(rate)), largest(system->f)});
-      if (!system->nc) pinocchio::computeJointJacobians(system->model(), system->data(), q);
+      if (!system->nc) library::joint_jacobians(system->model(), system->data(), q);
       result.phi.row(i) = system->phi.transpose();
       result.rho.row(i) = system->rho.transpose();
       result.forces.row(i) = lam.row(i).lazyProduct(system->W);
@@ -182,7 +182,7 @@ inline Table energies(MechanismSystem &system, const Vec &t, const Table &p, con
   for (Eigen::Index i = 0; i < p.rows(); ++i) {
     q = p.row(i).transpose();
     rate = v.row(i).transpose();
-    pinocchio::computeJointJacobians(system.model(), system.data(), q);
+    library::joint_jacobians(system.model(), system.data(), q);
     measure_energies(system, forces, t[i], q, rate, energies.row(i));
   }
   return energies;

@@ -1,4 +1,4 @@
-// mechanism/system.py: M v' + nle = τ + Jᵀλ, Φ = 0, on the workspace of the Python system.
+// mechanism/system.py: M v' + nle = τ + Jᵀλ, Φ = 0.
 #pragma once
 
 #include "forces.hpp"
@@ -38,15 +38,16 @@ struct Planar {
 
 class MechanismSystem : public System {
 public:
-  MechanismSystem(nb::object model, nb::object data)
-      : model_object_(std::move(model)), data_object_(std::move(data)), model_(borrowed<Model>(model_object_)),
-        data_(borrowed<Data>(data_object_)), axes_(model_), group_(model_) {
+  explicit MechanismSystem(const Workspace &workspace)
+      : workspace_(workspace), model_(*workspace_.tree->model), data_(*workspace_.data), axes_(model_), group_(model_) {
     npos = model_.nq;
     nx = nv = model_.nv;
     vector_like = npos == nv;
-    for (const auto &joint : model_.joints) {
-      find_turns_in_a_plane(joint);
-      if (joint.nv() > 1 && joint.nq() != joint.nv()) curved.push_back({joint.idx_v(), joint.nv()});
+    for (int i = 1; i < model_.njoints; ++i) {
+      const int of_q = model_.nqs[i], of_v = model_.nvs[i], q = model_.idx_qs[i], v = model_.idx_vs[i];
+      if (of_q == 2 && of_v == 1) continuous_.push_back({q, v});
+      if (workspace_.tree->kinds[i] == "planar") planar_.push_back({q, v});
+      if (of_v > 1 && of_q != of_v) curved.push_back({v, of_v});
     }
     f = tau_ = Vec::Zero(nv);
     constant_ = damping_ = Vec::Zero(nv);
@@ -56,7 +57,6 @@ public:
   const Model &model() const { return model_; }
   Data &data() { return data_; }
   const TurningAxes &axes() const { return axes_; }
-  nb::object data_object() const { return data_object_; }
 
   // Several parts may add up in the same rows; a `fresh` part starts new rows.
   void add_rows(std::unique_ptr<Rows> rows, bool fresh = true) {
@@ -84,7 +84,7 @@ public:
       out = p + xi;
       return;
     }
-    pinocchio::integrate(model_, p, xi, out);
+    library::integrate(model_, p, xi, out);
     for (const auto &joint : planar_) joint.integrate(p, xi, out);
   }
 
@@ -93,7 +93,7 @@ public:
       xi = p1 - p0;
       return;
     }
-    pinocchio::difference(model_, p0, p1, xi);
+    library::difference(model_, p0, p1, xi);
     for (const auto &joint : continuous_) joint.difference(p0, p1, xi);
     for (const auto &joint : planar_) joint.difference(p0, p1, xi);
   }
@@ -129,7 +129,7 @@ public:
   }
 
   void evaluate(double t, const Vec &p, const Vec &v, const Vec &a) override {
-    f = pinocchio::rnea(model_, data_, p, v, a);
+    f = library::rnea(model_, data_, p, v, a);
     if (!nobody_needs_jacobians()) {
       find_jacobians();
       fill_rows(t, p);
@@ -144,10 +144,10 @@ public:
 
   void evaluate_bias(double t, const Vec &p, const Vec &v, bool known, Vec &bias) override {
     if (nobody_needs_jacobians()) {
-      f = pinocchio::rnea(model_, data_, p, v, Vec::Zero(nv));
+      f = library::rnea(model_, data_, p, v, Vec::Zero(nv));
     } else {
       if (!known) evaluate_rows(t, p);
-      if (!by_jacobians()) f = pinocchio::rnea(model_, data_, p, v, Vec::Zero(nv)); // does not change the joint Jacobians
+      if (!by_jacobians()) f = library::rnea(model_, data_, p, v, Vec::Zero(nv)); // does not change the joint Jacobians
       move_bodies(v);
       if (by_jacobians()) weigh_bodies();
     }
@@ -179,7 +179,7 @@ public:
 
   // By composite bodies in world axes, with results of `constraint` that the library's `crba` would compute again.
   void mass_matrix(double, const Vec &p, const Vec &, Eigen::Ref<Mat> M) override {
-    if (nobody_needs_jacobians()) pinocchio::computeJointJacobians(model_, data_, p);
+    if (nobody_needs_jacobians()) library::joint_jacobians(model_, data_, p);
     M.setZero();
     auto &composite = data_.oYcrb;
     for (int i = 1; i < model_.njoints; ++i) composite[i] = data_.oMi[i].act(model_.inertias[i]);
@@ -271,9 +271,9 @@ public:
 protected:
   // Poses and Jacobians of the joints, after rnea, which computes poses only relative to the parents.
   void find_jacobians() {
-    for (size_t i = 1; i < model_.joints.size(); ++i)
+    for (int i = 1; i < model_.njoints; ++i)
       data_.oMi[i] = model_.parents[i] ? data_.oMi[model_.parents[i]] * data_.liMi[i] : data_.liMi[i];
-    pinocchio::computeJointJacobians(model_, data_);
+    library::joint_jacobians(model_, data_);
   }
 
   void subtract_forces(double t, const Vec &p, const Vec &v) {
@@ -285,7 +285,7 @@ protected:
     f -= tau_;
   }
 
-  nb::object model_object_, data_object_;
+  const Workspace workspace_;
   const Model &model_;
   Data &data_;
   TurningAxes axes_;
@@ -347,7 +347,7 @@ private:
 
   // D and K of all forces; M, τ, poses and Jacobians of the joints are known after it.
   void differentiate_forces(double t, const Vec &p, const Vec &v, const Vec &a, Mat &D, Mat &K) {
-    pinocchio::computeRNEADerivatives(model_, data_, p, v, a);
+    library::differentiate_rnea(model_, data_, p, v, a);
     D = data_.dtau_dv;
     K = data_.dtau_dq;
     if (!axes_.empty()) {
@@ -374,7 +374,7 @@ private:
 
   void evaluate_rows(double t, const Vec &p) {
     if (nobody_needs_jacobians()) return;
-    pinocchio::computeJointJacobians(model_, data_, p);
+    library::joint_jacobians(model_, data_, p);
     fill_rows(t, p);
   }
 

@@ -9,9 +9,9 @@
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/shared_ptr.h>
+#include <nanobind/stl/string.h>
 #include <nanobind/stl/unique_ptr.h>
 #include <nanobind/stl/vector.h>
-#include <pinocchio/config.hpp>
 
 #include <optional>
 
@@ -69,7 +69,6 @@ template <class Part, class... Given> auto adds() {
 
 NB_MODULE(twin, m) {
   using namespace pinconsist;
-  m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
   m.attr("INTERFACE") = 36; // the same number is in __init__.py; a build for other Python code is refused
   m.def("use_tuning", [](nb::object tuning) { // dae/tuning.py
 #define PINCONSIST_READ(name) name = nb::cast<double>(tuning.attr(#name));
@@ -95,10 +94,32 @@ NB_MODULE(twin, m) {
     OneStep::method = {A, A_extra, D, B, C, E3, E5, C_extra};
   });
 
+  nb::class_<JointNumbers>(m, "JointNumbers")
+      .def("__init__",
+           [](JointNumbers *at, std::string kind, std::vector<double> numbers,
+              const std::vector<std::pair<JointNumbers *, Pose>> &parts) {
+             new (at) JointNumbers{std::move(kind), std::move(numbers), {}};
+             for (const auto &[part, placement] : parts) at->parts.push_back({*part, placement});
+           }, "kind"_a, "numbers"_a, "parts"_a);
+  nb::class_<Branch>(m, "Branch")
+      .def("__init__",
+           [](Branch *at, const JointNumbers &joint, int parent, const Pose &placement, double mass, const Vector3d &centre,
+              const Matrix3d &inertia) { new (at) Branch{joint, parent, placement, mass, centre, inertia}; },
+           "joint"_a, "parent"_a, "placement"_a, "mass"_a, "centre"_a, "inertia"_a);
+  nb::class_<Tree>(m, "Tree").def(
+      "__init__",
+      [](Tree *at, const std::vector<Branch *> &branches, const Vec &armature, const Vector3d &gravity) {
+        std::vector<Branch> all;
+        for (const auto *each : branches) all.push_back(*each);
+        new (at) Tree(all, armature, gravity);
+      },
+      "branches"_a, "armature"_a, "gravity"_a);
+  nb::class_<Workspace>(m, "Workspace").def(nb::init<std::shared_ptr<const Tree>>(), "tree"_a);
+
   nb::class_<System>(m, "System").def_ro("nc", &System::nc).def_prop_ro("calls_python", &System::calls_python);
   nb::class_<CallbackSystem, System>(m, "CallbackSystem").def(nb::init<nb::object>(), "system"_a);
   nb::class_<MechanismSystem, System>(m, "MechanismSystem")
-      .def(nb::init<nb::object, nb::object>(), "model"_a, "data"_a)
+      .def(nb::init<const Workspace &>(), "workspace"_a)
       .def("add_anchored",
            [](MechanismSystem &s, int joint1, const Pose &place1, int joint2, const Pose &place2, const Mat &matrix, bool fresh) {
              s.add_rows(made<AnchoredRows>(s, joint1, place1, joint2, place2, matrix), fresh);
@@ -108,7 +129,7 @@ NB_MODULE(twin, m) {
       .def("add_coupling", adds<CouplingRow, Place, Place, double, Vec>())
       .def("add_python_rows",
            [](MechanismSystem &s, nb::object closure, std::vector<int> local, bool moving, double step) {
-             s.add_rows(std::make_unique<PythonRows>(closure, s.data_object(), std::move(local), moving, step));
+             s.add_rows(std::make_unique<PythonRows>(closure, std::move(local), moving, step));
            })
       .def("add_constant", &MechanismSystem::add_constant)
       .def("add_damping", &MechanismSystem::add_damping)
@@ -176,7 +197,7 @@ NB_MODULE(twin, m) {
       });
 
   nb::class_<Rates, MechanismSystem>(m, "Rates")
-      .def(nb::init<nb::object, nb::object>(), "model"_a, "data"_a)
+      .def(nb::init<const Workspace &>(), "workspace"_a)
       .def("add_inertia", &Rates::add_inertia)
       .def("add_gravity", &Rates::add_gravity)
       .def("close", &Rates::close)

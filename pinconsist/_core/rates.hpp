@@ -46,8 +46,8 @@ public:
         [&](int column, int body, const pinocchio::Force &force) {
           const auto there = data_.oMi[body].act(force).toVector();
           for (int j = body; j > 0; j = model_.parents[j]) {
-            const auto &joint = model_.joints[j];
-            r.col(column).segment(joint.idx_v(), joint.nv()) += data_.J.middleCols(joint.idx_v(), joint.nv()).transpose() * there;
+            const int first = model_.idx_vs[j], n = model_.nvs[j];
+            r.col(column).segment(first, n) += data_.J.middleCols(first, n).transpose() * there;
           }
         },
         [&](int column, double weight) { r.col(column) -= weight * pull_; });
@@ -58,8 +58,8 @@ public:
       moves = true;
       twists_.assign(model_.njoints, pinocchio::Motion::Zero());
       for (int j = 1; j < model_.njoints; ++j) {
-        const auto &joint = model_.joints[j];
-        const Eigen::Matrix<double, 6, 1> own = data_.J.middleCols(joint.idx_v(), joint.nv()) * w.segment(joint.idx_v(), joint.nv());
+        const int first = model_.idx_vs[j], n = model_.nvs[j];
+        const Eigen::Matrix<double, 6, 1> own = data_.J.middleCols(first, n) * w.segment(first, n);
         twists_[j] = twists_[model_.parents[j]] + pinocchio::Motion(own);
       }
       for (int j = 1; j < model_.njoints; ++j) twists_[j] = data_.oMi[j].actInv(twists_[j]);
@@ -98,7 +98,7 @@ private:
   // Forces on bodies, in their axes, and the torques `pull_` with weights, of the columns.
   template <class OnBody, class OnJoints>
   void visit(double t, const Vec &p, const Vec &v, const Vec &a, const OnBody &on_body, const OnJoints &on_joints) {
-    pinocchio::rnea(model_, data_, p, v, a);
+    library::rnea(model_, data_, p, v, a);
     find_jacobians();
     for (const auto &body : bodies_) {
       const auto &moving = data_.v[body.joint];

@@ -1,17 +1,8 @@
-// The parts of Pinocchio that are used: its headers, the C++ objects behind Python's, points and axes of bodies.
+// Points and axes of bodies, and the velocities that move them.
 #pragma once
 
 #include "system.hpp"
-
-#include <boost/python/converter/from_python.hpp>
-#include <boost/python/converter/registry.hpp>
-#include <boost/python/type_id.hpp>
-#include <pinocchio/algorithm/jacobian.hpp>
-#include <pinocchio/algorithm/joint-configuration.hpp>
-#include <pinocchio/algorithm/rnea-derivatives.hpp>
-#include <pinocchio/algorithm/rnea.hpp>
-#include <pinocchio/multibody.hpp>
-#include <pinocchio/spatial.hpp>
+#include "tree.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -22,19 +13,7 @@ namespace pinconsist {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
-using pinocchio::Data;
-using pinocchio::Model;
-using pinocchio::SE3;
 using Six = Eigen::Matrix<double, 6, 1>; // a twist (linear, angular) or wrench (force, moment) about the origin, world axes
-
-// The C++ object in a Python object that Boost.Python made; the Python object must outlive it.
-template <class T> T &borrowed(nb::handle object) {
-  namespace converter = boost::python::converter;
-  const auto *found = converter::registry::query(boost::python::type_id<T>());
-  void *inside = found ? converter::get_lvalue_from_python(object.ptr(), *found) : nullptr;
-  if (!inside) throw nb::type_error("not an object of this Pinocchio");
-  return *static_cast<T *>(inside);
-}
 
 // Velocity columns that move a joint's body, ascending, each with the joint that it belongs to.
 struct Column {

@@ -284,12 +284,11 @@ private:
 // Rows that are implemented in Python: the function is called with new arrays.
 class PythonRows : public Rows {
 public:
-  PythonRows(nb::object closure, nb::object data, std::vector<int> local, bool moving, double difference_step)
-      : closure_(std::move(closure)), data_(std::move(data)), local_(std::move(local)), moving_(moving),
-        difference_step_(difference_step) {}
+  PythonRows(nb::object closure, std::vector<int> local, bool moving, double difference_step)
+      : closure_(std::move(closure)), local_(std::move(local)), moving_(moving), difference_step_(difference_step) {}
 
   void evaluate(const Data &, double t, const Vec &p, int at, Vec &phi, Mat &J) const override {
-    const auto both = nb::cast<std::pair<Vec, Mat>>(ask(closure_, "evaluate", data_, p, t));
+    const auto both = nb::cast<std::pair<Vec, Mat>>(ask(closure_, "evaluate", p, t));
     if (both.first.size() <= local_.back() || both.second.rows() <= local_.back() || both.second.cols() != J.cols())
       throw nb::value_error("rows of another size");
     for (size_t i = 0; i < local_.size(); ++i) {
@@ -304,7 +303,7 @@ public:
     for (size_t i = 0; i < local_.size(); ++i) rate[at + i] += all[local_[i]];
   }
   void add_bias(const Data &, double t, const Vec &p, const Vec &v, int at, Vec &bias) const override {
-    const auto all = nb::cast<Vec>(ask(closure_, "acceleration_bias", data_, t, p, v));
+    const auto all = nb::cast<Vec>(ask(closure_, "acceleration_bias", t, p, v));
     if (all.size() <= local_.back()) throw nb::value_error("a bias of another size");
     for (size_t i = 0; i < local_.size(); ++i) bias[at + i] += all[local_[i]];
   }
@@ -313,7 +312,7 @@ public:
   double difference_step() const override { return difference_step_; }
 
 private:
-  nb::object closure_, data_;
+  nb::object closure_;
   std::vector<int> local_;
   bool moving_;
   double difference_step_;

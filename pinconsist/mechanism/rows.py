@@ -182,7 +182,33 @@ class KeptRows:
             for i, (_, matrix, ends) in enumerate(parts):
                 twin.add_anchored(*ends, matrix, i == 0)
             if not (parts or closure.hand_over(twin)):
-                twin.add_python_rows(closure, local, closure.moving, closure.difference_step)
+                twin.add_python_rows(RowsInPython(closure, self), local, closure.moving, closure.difference_step)
+
+    @cached_property
+    def data(self) -> pin.Data:
+        """Pinocchio's data for rows that the compiled system evaluates in Python."""
+        return self.model.createData()
+
+
+class RowsInPython:
+    """The rows of one loop, on its own poses, as the compiled system calls them."""
+
+    def __init__(self, closure, rows: KeptRows):
+        self._closure, self._rows = closure, rows
+        self.rate = closure.rate
+
+    def evaluate(self, q, t):
+        """Φ and J."""
+        data = self._rows.data
+        pin.computeJointJacobians(self._rows.model, data, q)
+        return self._closure.evaluate(data, q, t)
+
+    def acceleration_bias(self, t, q, v):
+        """The part of the second derivative of Φ that does not depend on accelerations."""
+        model, data = self._rows.model, self._rows.data
+        pin.computeJointJacobians(model, data, q)
+        pin.forwardKinematics(model, data, q, v, np.zeros(model.nv))
+        return self._closure.acceleration_bias(data, t, q, v)
 
 
 class AnchoredRows(Rows):
