@@ -16,15 +16,15 @@ public:
     const Vec still = Vec::Zero(model.nv);
     for (int i = 1; i < model.njoints; ++i) {
       if (model.nvs[i] < 2) continue;
-      Joint joint{i, model.idx_vs[i], model.nvs[i], model.joints[i].createData()};
-      Mat first;
+      Joint joint{i, model.idx_vs[i], model.nvs[i], LoneJoint(model, i)};
+      Matrix6x first;
       bool turns = false;
       for (int place = 0; place < 3; ++place) {
         way_ = (Vec::LinSpaced(model.nv, 1.0, model.nv).array() * 2.3 + 7.0 * place).sin();
         library::integrate(model_, neutral, way_, moved_);
-        Mat S = library::motion_subspace(model, i, joint.work, moved_, still);
-        if (place) turns |= (S - first).cwiseAbs().maxCoeff() > CONSTANT;
-        else first = std::move(S);
+        joint.alone.move(moved_, still);
+        if (place) turns |= (joint.alone.S - first).cwiseAbs().maxCoeff() > CONSTANT;
+        else first = joint.alone.S;
       }
       if (!turns) continue;
       for (int k = 0; k < joint.n; ++k) joint_of_[joint.column + k] = static_cast<int>(joints_.size());
@@ -51,7 +51,7 @@ public:
   void complete(const Data &data, Mat &by_v, Mat &by_q) const {
     for (const auto &joint : joints_) {
       const auto both = data.ov[joint.index] + data.ov[model_.parents[joint.index]];
-      Six6 rates = joint.rates;
+      Matrix6x rates = joint.rates;
       for (int j = 0; j < joint.n; ++j)
         rates.col(j) += both.cross(pinocchio::Motion(Six(joint.speeds.col(j)))).toVector();
       for (const auto body : model_.subtrees[joint.index])
@@ -68,13 +68,12 @@ public:
 private:
   static constexpr double STEP = 5e-3;      // rad or m, as SMOOTH of mechanism/lie.py
   static constexpr double CONSTANT = 1e-10; // change of S that is rounding
-  using Six6 = Eigen::Matrix<double, 6, Eigen::Dynamic>;
 
   struct Joint {
     int index, column, n;
-    Model::JointData work;
+    LoneJoint alone;
     // In world axes: ∂S/∂q_j for one j after another, ∂(S v)/∂q, ∂(S a + c)/∂q, ∂c/∂v.
-    Six6 S{}, speeds{}, rates{}, by_v{};
+    Matrix6x S{}, speeds{}, rates{}, by_v{};
   };
 
   void differentiate(Joint &joint, const Data &data, const Vec &q, const Vec &v, const Vec &a) {
@@ -90,10 +89,10 @@ private:
         for (const double side : {1.0, -1.0}) {
           way_[joint.column + j] = side * place * STEP;
           library::integrate(model_, q, way_, moved_);
-          const Six6 S = library::motion_subspace(model_, joint.index, joint.work, moved_, v);
+          joint.alone.move(moved_, v);
           const double share = side * weight / (60.0 * STEP);
-          joint.S.middleCols(j * n, n) += share * S;
-          joint.rates.col(j) += share * (S * own_a + joint.work.c().toVector());
+          joint.S.middleCols(j * n, n) += share * joint.alone.S;
+          joint.rates.col(j) += share * (joint.alone.S * own_a + joint.alone.c);
         }
       way_[joint.column + j] = 0.0;
       joint.speeds.col(j) = joint.S.middleCols(j * n, n) * own_v;
@@ -103,16 +102,16 @@ private:
     for (int j = 0; j < n; ++j)
       for (const double side : {1.0, -1.0}) {
         speed[joint.column + j] = own_v[j] + side * step;
-        library::motion_subspace(model_, joint.index, joint.work, q, speed);
-        joint.by_v.col(j) += (0.5 * side / step) * joint.work.c().toVector();
+        joint.alone.move(q, speed);
+        joint.by_v.col(j) += (0.5 * side / step) * joint.alone.c;
         speed[joint.column + j] = own_v[j];
       }
-    for (Six6 *part : {&joint.S, &joint.speeds, &joint.rates, &joint.by_v})
+    for (Matrix6x *part : {&joint.S, &joint.speeds, &joint.rates, &joint.by_v})
       *part = (data.oMi[joint.index].toActionMatrix() * *part).eval();
   }
 
   // The forces of the bodies from `body` on, in direction `row`.
-  static void add(const Data &data, pinocchio::JointIndex body, int row, const Joint &joint, const Six6 &rates, Mat &by_v, Mat &by_q) {
+  static void add(const Data &data, int body, int row, const Joint &joint, const Matrix6x &rates, Mat &by_v, Mat &by_q) {
     const Six axis = data.J.col(row);
     const Six inertia = (data.oYcrb[body] * pinocchio::Motion(axis)).toVector();
     const Eigen::Matrix<double, 1, 6> varying = axis.transpose() * data.doYcrb[body];

@@ -38,16 +38,18 @@ struct Planar {
 
 class MechanismSystem : public System {
 public:
-  explicit MechanismSystem(const Workspace &workspace)
-      : workspace_(workspace), model_(*workspace_.tree->model), data_(*workspace_.data), axes_(model_), group_(model_) {
+  explicit MechanismSystem(std::shared_ptr<Data> workspace)
+      : workspace_(std::move(workspace)), model_(*workspace_->model), data_(*workspace_), axes_(model_), group_(model_) {
     npos = model_.nq;
     nx = nv = model_.nv;
     vector_like = npos == nv;
     for (int i = 1; i < model_.njoints; ++i) {
-      const int of_q = model_.nqs[i], of_v = model_.nvs[i], q = model_.idx_qs[i], v = model_.idx_vs[i];
-      if (of_q == 2 && of_v == 1) continuous_.push_back({q, v});
-      if (workspace_.tree->kinds[i] == "planar") planar_.push_back({q, v});
-      if (of_v > 1 && of_q != of_v) curved.push_back({v, of_v});
+      const int of_v = model_.nvs[i];
+      if (of_v > 1 && model_.nqs[i] != of_v) curved.push_back({model_.idx_vs[i], of_v});
+    }
+    for (const auto &[kind, q, v] : model_.simple_joints) {
+      if (kind == "unbounded") continuous_.push_back({q, v});
+      if (kind == "planar") planar_.push_back({q, v});
     }
     f = tau_ = Vec::Zero(nv);
     constant_ = damping_ = Vec::Zero(nv);
@@ -285,7 +287,7 @@ protected:
     f -= tau_;
   }
 
-  const Workspace workspace_;
+  const std::shared_ptr<Data> workspace_;
   const Model &model_;
   Data &data_;
   TurningAxes axes_;
@@ -293,13 +295,6 @@ protected:
   Vec constant_, damping_, tau_;
 
 private:
-  void find_turns_in_a_plane(const pinocchio::JointModel &joint) {
-    if (joint.shortname() == "JointModelComposite")
-      for (const auto &part : boost::get<pinocchio::JointModelComposite>(joint.toVariant()).joints) find_turns_in_a_plane(part);
-    else if (joint.shortname() == "JointModelPlanar") planar_.push_back({joint.idx_q(), joint.idx_v()});
-    else if (joint.nq() == 2 && joint.nv() == 1) continuous_.push_back({joint.idx_q(), joint.idx_v()});
-  }
-
   void find_bias(double t, const Vec &p, const Vec &v, Vec &bias) const {
     bias.setZero(nc);
     for (const auto &[rows, at] : rows_) rows->add_bias(data_, t, p, v, at, bias);

@@ -106,20 +106,20 @@ NB_MODULE(twin, m) {
            [](Branch *at, const JointNumbers &joint, int parent, const Pose &placement, double mass, const Vector3d &centre,
               const Matrix3d &inertia) { new (at) Branch{joint, parent, placement, mass, centre, inertia}; },
            "joint"_a, "parent"_a, "placement"_a, "mass"_a, "centre"_a, "inertia"_a);
-  nb::class_<Tree>(m, "Tree").def(
+  nb::class_<Model>(m, "Tree").def(
       "__init__",
-      [](Tree *at, const std::vector<Branch *> &branches, const Vec &armature, const Vector3d &gravity) {
+      [](Model *at, const std::vector<Branch *> &branches, const Vec &armature, const Vector3d &gravity) {
         std::vector<Branch> all;
         for (const auto *each : branches) all.push_back(*each);
-        new (at) Tree(all, armature, gravity);
+        new (at) Model(all, armature, gravity);
       },
       "branches"_a, "armature"_a, "gravity"_a);
-  nb::class_<Workspace>(m, "Workspace").def(nb::init<std::shared_ptr<const Tree>>(), "tree"_a);
+  nb::class_<Data>(m, "Workspace").def(nb::init<std::shared_ptr<const Model>>(), "tree"_a);
 
   nb::class_<System>(m, "System").def_ro("nc", &System::nc).def_prop_ro("calls_python", &System::calls_python);
   nb::class_<CallbackSystem, System>(m, "CallbackSystem").def(nb::init<nb::object>(), "system"_a);
   nb::class_<MechanismSystem, System>(m, "MechanismSystem")
-      .def(nb::init<const Workspace &>(), "workspace"_a)
+      .def(nb::init<std::shared_ptr<Data>>(), "workspace"_a)
       .def("add_anchored",
            [](MechanismSystem &s, int joint1, const Pose &place1, int joint2, const Pose &place2, const Mat &matrix, bool fresh) {
              s.add_rows(made<AnchoredRows>(s, joint1, place1, joint2, place2, matrix), fresh);
@@ -197,7 +197,7 @@ NB_MODULE(twin, m) {
       });
 
   nb::class_<Rates, MechanismSystem>(m, "Rates")
-      .def(nb::init<const Workspace &>(), "workspace"_a)
+      .def(nb::init<std::shared_ptr<Data>>(), "workspace"_a)
       .def("add_inertia", &Rates::add_inertia)
       .def("add_gravity", &Rates::add_gravity)
       .def("close", &Rates::close)

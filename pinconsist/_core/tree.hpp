@@ -1,8 +1,7 @@
-// Pinocchio's algorithms for a collection of joints of our own, and models that are built from numbers: nothing is shared
-// with the Pinocchio of Python, so any version of that will do.
+// Trees of bodies, built from numbers, and Pinocchio's algorithms on them, which tree.cpp compiles, with a collection of
+// joints of our own. Nothing is shared with the Pinocchio of Python, so any version of that will do.
 #pragma once
 
-#include <pinocchio/multibody.hpp>
 #include <pinocchio/spatial.hpp>
 
 #include <memory>
@@ -11,46 +10,10 @@
 
 namespace pinconsist {
 
-// Every joint of Pinocchio; those along a coordinate axis are special cases of these.
-template <class Scalar_, int Options_> struct Joints {
-  typedef Scalar_ Scalar;
-  static constexpr int Options = Options_;
-
-  typedef pinocchio::JointModelCompositeTpl<Scalar, Options, Joints> JointModelComposite;
-  typedef pinocchio::JointDataCompositeTpl<Scalar, Options, Joints> JointDataComposite;
-  typedef boost::variant<
-      pinocchio::JointModelRevoluteUnalignedTpl<Scalar, Options>,
-      pinocchio::JointModelRevoluteUnboundedUnalignedTpl<Scalar, Options>,
-      pinocchio::JointModelPrismaticUnalignedTpl<Scalar, Options>,
-      pinocchio::JointModelHelicalUnalignedTpl<Scalar, Options>,
-      pinocchio::JointModelFreeFlyerTpl<Scalar, Options>,
-      pinocchio::JointModelPlanarTpl<Scalar, Options>,
-      pinocchio::JointModelSphericalTpl<Scalar, Options>,
-      pinocchio::JointModelSphericalZYXTpl<Scalar, Options>,
-      pinocchio::JointModelTranslationTpl<Scalar, Options>,
-      pinocchio::JointModelUniversalTpl<Scalar, Options>,
-      pinocchio::JointModelEllipsoidTpl<Scalar, Options>,
-      boost::recursive_wrapper<JointModelComposite>> JointModelVariant;
-  typedef boost::variant<
-      pinocchio::JointDataRevoluteUnalignedTpl<Scalar, Options>,
-      pinocchio::JointDataRevoluteUnboundedUnalignedTpl<Scalar, Options>,
-      pinocchio::JointDataPrismaticUnalignedTpl<Scalar, Options>,
-      pinocchio::JointDataHelicalUnalignedTpl<Scalar, Options>,
-      pinocchio::JointDataFreeFlyerTpl<Scalar, Options>,
-      pinocchio::JointDataPlanarTpl<Scalar, Options>,
-      pinocchio::JointDataSphericalTpl<Scalar, Options>,
-      pinocchio::JointDataSphericalZYXTpl<Scalar, Options>,
-      pinocchio::JointDataTranslationTpl<Scalar, Options>,
-      pinocchio::JointDataUniversalTpl<Scalar, Options>,
-      pinocchio::JointDataEllipsoidTpl<Scalar, Options>,
-      boost::recursive_wrapper<JointDataComposite>> JointDataVariant;
-};
-
-using Model = pinocchio::ModelTpl<double, 0, Joints>;
-using Data = pinocchio::DataTpl<double, 0, Joints>;
-using SE3 = pinocchio::SE3Tpl<double, 0>;
+using SE3 = pinocchio::SE3;
 using Vec = Eigen::VectorXd;
 using Mat = Eigen::MatrixXd;
+using Matrix6x = Eigen::Matrix<double, 6, Eigen::Dynamic>;
 
 // A joint in numbers: axes, pitches or radii, as its kind needs them; the parts of a composite one.
 struct JointNumbers {
@@ -69,23 +32,49 @@ struct Branch {
   Eigen::Matrix3d inertia;
 };
 
-// A tree of bodies; branches follow their parents. `kinds` are those of the joints, of the ground first.
-struct Tree {
-  Tree(const std::vector<Branch> &branches, const Vec &armature, const Eigen::Vector3d &gravity);
-
-  std::shared_ptr<const Model> model;
-  std::vector<std::string> kinds;
+// A joint that is not composite, or a part of a composite one, with its first coordinates.
+struct SimpleJoint {
+  std::string kind;
+  int idx_q, idx_v;
 };
 
-// A tree with the data of Pinocchio's algorithms, for one thread at a time.
-struct Workspace {
-  explicit Workspace(std::shared_ptr<const Tree> tree);
+// A tree of bodies, the ground first; branches follow their parents. Names are those of Pinocchio's Model.
+struct Model {
+  Model(const std::vector<Branch> &branches, const Vec &armature, const Eigen::Vector3d &gravity);
 
-  std::shared_ptr<const Tree> tree;
-  std::shared_ptr<Data> data;
+  int njoints, nq, nv;
+  std::vector<int> parents, nqs, nvs, idx_qs, idx_vs;
+  std::vector<std::vector<int>> supports, subtrees;
+  std::vector<pinocchio::Inertia> inertias;
+  pinocchio::Motion gravity;
+  Vec armature;
+  std::vector<SimpleJoint> simple_joints;
+
+  struct Inside;
+  std::shared_ptr<const Inside> inside;
 };
 
-// Pinocchio's algorithms, compiled once, in tree.cpp.
+// The workspace of Pinocchio's algorithms on a tree, for one thread at a time. Names are those of Pinocchio's Data.
+struct Data {
+  explicit Data(std::shared_ptr<const Model> model);
+
+  const std::shared_ptr<const Model> model;
+
+  struct Inside;
+  const std::shared_ptr<Inside> inside;
+  std::vector<SE3> &oMi, &liMi;
+  std::vector<pinocchio::Motion> &v, &a, &a_gf, &ov, &oa;
+  std::vector<pinocchio::Force> &of;
+  std::vector<pinocchio::Inertia> &oYcrb;
+  std::vector<Eigen::Matrix<double, 6, 6>> &doYcrb;
+  Matrix6x &J;
+  Mat &M;
+  Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> &dtau_dq, &dtau_dv;
+  Vec &tau;
+  std::vector<int> &parents_fromRow;
+};
+
+// Pinocchio's algorithms.
 namespace library {
 const Vec &rnea(const Model &model, Data &data, const Vec &q, const Vec &v, const Vec &a);
 void differentiate_rnea(const Model &model, Data &data, const Vec &q, const Vec &v, const Vec &a);
@@ -95,8 +84,20 @@ void integrate(const Model &model, const Vec &q, const Vec &v, Vec &out);
 void difference(const Model &model, const Vec &q0, const Vec &q1, Vec &out);
 void differentiate_integration(const Model &model, const Vec &q, const Vec &v, Mat &out); // with respect to q
 Vec neutral(const Model &model);
-// The motion subspace of a joint; `work` holds it, and the bias of the acceleration, too.
-Mat motion_subspace(const Model &model, int joint, Model::JointData &work, const Vec &q, const Vec &v);
 } // namespace library
+
+// A joint of a tree by itself, at positions and velocities of its own.
+class LoneJoint {
+public:
+  LoneJoint(const Model &model, int joint);
+  void move(const Vec &q, const Vec &v); // of the whole tree
+
+  Matrix6x S;                    // motion subspace
+  Eigen::Matrix<double, 6, 1> c; // bias of the acceleration
+
+private:
+  struct Inside;
+  std::shared_ptr<Inside> inside_;
+};
 
 } // namespace pinconsist
