@@ -16,7 +16,7 @@ from ..dae import tuning
 from ..dae.radau_table import table
 from ..dae.unseen import gauss
 
-INTERFACE = 36  # as in module.cpp: an editable install may hold an older build
+INTERFACE = 37  # as in module.cpp: an editable install may hold an older build
 
 
 def _absent(folder: Path) -> str:

@@ -69,7 +69,7 @@ template <class Part, class... Given> auto adds() {
 
 NB_MODULE(twin, m) {
   using namespace pinconsist;
-  m.attr("INTERFACE") = 36; // the same number is in __init__.py; a build for other Python code is refused
+  m.attr("INTERFACE") = 37; // the same number is in __init__.py; a build for other Python code is refused
   m.def("use_tuning", [](nb::object tuning) { // dae/tuning.py
 #define PINCONSIST_READ(name) name = nb::cast<double>(tuning.attr(#name));
     PINCONSIST_TUNING(PINCONSIST_READ)
