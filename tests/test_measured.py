@@ -50,7 +50,7 @@ def test_reactions_of_every_loop_kind(kind, pair, axes):
 def test_powers_and_stored_energy_of_every_force(name):
     mech = pc.Mechanism(mixed_tree(), forces=[FORCES[name]])
     q, v = states_of(mech.model)
-    run = SimpleNamespace(t=np.linspace(0.0, 1.0, len(q)), q=q, v=v, lam=np.zeros((len(q), 0)))
+    run = SimpleNamespace(t=np.linspace(0.0, 1.0, len(q)), q=q, v=v, lam=np.zeros((len(q), 0)), _changes=())
     expected, found = energy_of(run, mech), energy_of(run, mech, Workspace(mech.model, blank_system))
     assert found.power.keys() == expected.power.keys() and found.stored.keys() == expected.stored.keys()
     for label, values in expected.power.items():
@@ -71,7 +71,7 @@ def test_kinetic_energy_includes_the_rotors_of_all_joints(workspace):
         model.appendBodyToJoint(last, pin.Inertia.Random(), pin.SE3.Random())
     model.armature = np.linspace(0.1, 0.5, model.nv)
     q, v = states_of(model)
-    run = SimpleNamespace(t=np.arange(float(len(q))), q=q, v=v, lam=np.zeros((len(q), 0)))
+    run = SimpleNamespace(t=np.arange(float(len(q))), q=q, v=v, lam=np.zeros((len(q), 0)), _changes=())
     found = energy_of(run, pc.Mechanism(model), workspace(model)).kinetic
     for kinetic, position, rate in zip(found, q, v, strict=True):
         half = np.triu(pin.crba(model, model.createData(), position))
