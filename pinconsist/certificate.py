@@ -20,7 +20,9 @@ from .mechanism.system import MechanismSystem
 OPEN = 1e-8  # m or rad, and m/s or rad/s: a loop with a larger gap is open
 UNCLEAR = 0.1 * OFF  # an energy balance that is off by more may be so because rows are few
 MOST_BY_ROWS = 5  # order of steps that rows resolve
-CONTACT = re.compile("floor|contact pair|colliding")  # of what is not modelled: bodies would fall through
+CONTACT = re.compile(
+    "floor|contact pair|colliding|static collision"
+)  # of what is not modelled: bodies would fall through
 FEW = 4.0  # times the uncertainty of the work: an energy balance that is not off by more shows nothing
 ROUNDED = 1e-6  # of the largest multiplier: smaller ones may be the error of the run
 SHOWN = 4  # joints outside of their limits
@@ -85,7 +87,7 @@ class Certificate:
     not_finite : str
         The first number of the rows that is not finite, as text; nothing else is judged then.
     not_modelled : tuple of str
-        What the mechanism's file has that has no effect, see :attr:`Mechanism.ignored`.
+        What the mechanism's file has that has no effect, see ``Mechanism.ignored``.
     """
 
     position: float

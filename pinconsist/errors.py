@@ -1,9 +1,13 @@
 """The package's exceptions. ``str(error)`` is a readable message; attributes hold the data behind it."""
 
 import copyreg
+import re
 import sys
 import traceback
 import warnings
+
+CONTROLS = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+"""What a terminal would act on if a message repeated it, and what reverses the direction of text."""
 
 
 class PinconsistError(Exception):

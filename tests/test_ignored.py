@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 import pytest
+from helpers.command_line import called
 
 import pinconsist as pc
 
@@ -81,6 +82,21 @@ def test_a_leg_below_its_floor_is_no_bare_ok(file, method, tmp_path):
     assert "not modelled" in str(certificate) and "limits of 1 joint" in str(certificate)
     sol.save(tmp_path / "leg.npz")
     assert pc.Solution.load(tmp_path / "leg.npz").certificate.verdict == certificate.verdict
+
+
+@pytest.mark.parametrize("shape", ["<plane/>", "<box><size>9 9 1</size></box>", "<mesh><uri>hill.stl</uri></mesh>"])
+def test_what_stands_still_in_the_world_is_in_the_verdict(file, shape):
+    world = SDF.replace("<plane><normal>0 0 1</normal></plane>", shape) % ""
+    certificate = pc.simulate(pc.load(file(world, "a.sdf")), (0.0, 0.2)).check()
+    what = "1 floor" if "plane" in shape else "1 static collision shape"
+    assert certificate.verdict.endswith(f"; not modelled: {what}")
+
+
+def test_the_name_of_a_file_does_not_reach_the_terminal_raw(file, capsys):
+    for text in (URDF % "", "no XML"):
+        _, out, err = called(capsys, "check", file(text, "name\x1b[31mX.urdf"))
+        shown = out + err
+        assert "name?[31mX" in shown and "\x1b" not in shown
 
 
 def test_collision_shapes_alone_are_not_in_the_verdict(file):

@@ -18,7 +18,7 @@ from typing import Annotated, Any
 import typer
 
 from .. import files
-from ..errors import AssemblyError, InputError
+from ..errors import CONTROLS, AssemblyError, InputError
 
 FINE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 WIDTH, PLAIN_WIDTH = 160, 80  # largest width of text on a terminal; width in a file or a pipe
@@ -100,7 +100,7 @@ def size(value, digits=".6g") -> str:
 
 def paragraph(text, *, indent="", hanging=""):
     """Print a text in lines that fit the terminal, or 80 columns, without breaking words."""
-    print(_filled(text, sys.stdout, indent, indent + hanging))
+    print(_filled(CONTROLS.sub("?", text), sys.stdout, indent, indent + hanging))
 
 
 def verdict(certificate):
@@ -139,7 +139,7 @@ def message(kind, text):
 
 def in_options(text) -> str:
     """A text of the package with Python's arguments replaced by options: ``--rtol 1e-6`` for ``rtol = 1e-6``."""
-    text = LOADED.sub(r"\1", str(text))
+    text = LOADED.sub(r"\1", CONTROLS.sub("?", str(text)))
     return ARGUMENT.sub(lambda found: f"--{SPELT.get(name := found[1] or found[3], name).replace('_', '-')}"
                         + (f" {found[2]}" if found[2] else ""), text)  # fmt: skip
 

@@ -12,7 +12,7 @@ from math import pi, sin
 from pathlib import Path
 from typing import NamedTuple
 
-from ..errors import FormatError, InputError, MissingExtraError
+from ..errors import CONTROLS, FormatError, InputError, MissingExtraError
 from ..mechanism.checks import near
 from ..mechanism.loops import GROUND, Loop
 from .loopfile import LoopFile, find_loop_file
@@ -96,7 +96,8 @@ def find(source: str | os.PathLike) -> Source:
                 ".npz": "; this is a saved run, not a scene: plot and replay read it, and Solution.load",
             }[kind]
         raise FormatError(f"files of type {kind!r} cannot be read; supported are {supported}", path=path)
-    return Source(path, path.stem if path.stem not in ("robot", "model") else path.resolve().parent.name)
+    name = path.stem if path.stem not in ("robot", "model") else path.resolve().parent.name
+    return Source(path, CONTROLS.sub("?", name))
 
 
 def robot_file(name: str) -> tuple[Path, Path]:

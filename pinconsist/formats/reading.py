@@ -14,7 +14,7 @@ from typing import Any
 from xml.etree.ElementTree import Element, ParseError
 from xml.parsers import expat
 
-from ..errors import FormatError, InputError
+from ..errors import CONTROLS, FormatError, InputError
 from ..mechanism.checks import near as resembling
 
 DRAKE = "{http://drake.mit.edu}"  # the namespace of Drake's extensions
@@ -24,8 +24,6 @@ _CLOSES = re.compile(
     r"loop|clos(ed|ure|ing)|constraint|equality|bushing|weld|coupl|mimic|gearbox|spring_damper|detachable",
     re.IGNORECASE,
 )
-_CONTROLS = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
-"""What a terminal would act on if a message repeated it, and what reverses the direction of text."""
 _log = logging.getLogger(__name__)
 
 _read: ContextVar[list | None] = ContextVar("files read", default=None)
@@ -150,7 +148,7 @@ def parsed(content: bytes) -> Element:
         raise FormatError(f"not well-formed XML: {error}") from error
     for element in root.iter():
         for key, value in element.items():
-            if _CONTROLS.search(value):
+            if CONTROLS.search(value):
                 raise FormatError(f"{key}={short_repr(value)} has control characters", element=f"<{element.tag}>")
         space, _, tag = str(element.tag).rpartition("}")
         if "drake" in space:  # declared in several ways, or not at all

@@ -11,7 +11,7 @@ Versions 1.4 to 1.12 of the specification are supported. A file is converted as 
   version 1.7 a link and a joint may have the same name: the joint is then called ``name_joint``.
 * Damping and friction of a ball joint act about all its axes. Position limits are kept in the model, without effect.
 * Gazebo's joint controllers become forces (:mod:`.joints`), and Drake's ``gear_ratio`` and ``rotor_inertia`` of a joint
-  the armature. Contacts, limits, other plugins and extensions are counted (:mod:`pinconsist.formats.ignored`); sensors
+  the armature. Contacts, limits, other plugins and extensions are counted (``Mechanism.ignored``); sensors
   and lights have no effect. Elements that would change the motion and cannot be converted are refused: ``<include>``,
   kinematic links, inertias computed from shapes, fluid added mass, gravity on some of the links only, plugins and
   extensions that join bodies.
@@ -83,10 +83,12 @@ def _ignored(raw: Element) -> Ignored:
         ignored.add("gripper", len(holder.findall("gripper")))
         ignored.add("actor", len(holder.findall("actor")))
         ignored.add_unknown([each for each in holder if "}" in str(each.tag)], ())
+    static = [model for model in raw.iter("model") if model.findtext("static", "").strip() in ("1", "true")]
+    fixed = {link for model in static for link in model.iter("link")}
     for link in raw.iter("link"):
         shapes = link.findall("collision")
         floors = sum(shape.find("geometry/plane") is not None for shape in shapes)
-        ignored.add(COLLISIONS, len(shapes) - floors)
+        ignored.add(f"static {COLLISIONS}" if link in fixed else COLLISIONS, len(shapes) - floors)
         ignored.add("floor", floors)
         ignored.add("link in the wind", link.findtext("enable_wind", "").strip() in ("1", "true"))
         ignored.add_unknown([each for each in link if "}" in str(each.tag)], (), "links")
