@@ -112,7 +112,8 @@ private:
     for (const auto &[key, pull] : pulls_) {
       const size_t n = pull.times.size(), i = std::upper_bound(pull.times.begin(), pull.times.end(), t) - pull.times.begin();
       const double part = i && i < n ? (t - pull.times[i - 1]) / (pull.times[i] - pull.times[i - 1]) : 1.0;
-      const auto column = [&](size_t node) { return node < pull.columns.size() ? pull.columns[node] : -1; };
+      const auto &columns = pull.columns; // C++17 lambdas do not capture `pull`
+      const auto column = [&](size_t node) { return node < columns.size() ? columns[node] : -1; };
       const int here = column(i < n ? i : i - (n > 0)), before = i && i < n ? column(i - 1) : -1;
       if (here < 0 && before < 0) continue;
       pull_.setZero(nv);
