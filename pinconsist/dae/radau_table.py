@@ -61,7 +61,7 @@ class Table:
 @cache
 def table(s: int) -> Table:
     """The formula with s stages, from its definition: nodes at the zeros of P_{s-1} - P_s, exact for degree s - 1."""
-    x = legendre.legroots([0.0] * (s - 1) + [1.0, -1.0])
+    x = np.real(legendre.legroots([0.0] * (s - 1) + [1.0, -1.0]))  # complex since numpy 2.5
     x[-1] = 1.0
     c = 0.5 * (1.0 + x)
     modes = np.linalg.inv(legendre.legvander(x, s - 1))
