@@ -1,9 +1,8 @@
 """What is saved by the work that a run skips: ``python -m benchmarks ablate``.
 
-Each variant does one piece of this work, and its time is compared with that of a plain run. What the compiled method
-does for speed alone has a switch; charts, rows and derivatives are those of a subclass of the system, on the Python
-method; the rest is requested. That dependent and zero rows leave the system cannot be switched off: with them the
-Newton matrix is singular.
+Each variant does one piece of this work, and its time is compared with that of a plain run. What the method does for
+speed alone has a switch; the rest is requested. That dependent and zero rows leave the system cannot be switched off:
+with them the Newton matrix is singular.
 """
 
 from __future__ import annotations
@@ -16,8 +15,8 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from pinconsist import Event, InputError, _core, assemble, load
-from pinconsist._core.compiled import stepper_for
+from pinconsist import Event, InputError, assemble, load
+from pinconsist._core.steppers import stepper_for
 from pinconsist.cli import output
 from pinconsist.dae.integrate import integrate
 from pinconsist.dae.output import Output
@@ -34,50 +33,12 @@ ELSEWHERE = 0.5  # s, of any other scene
 FEW = 8  # velocities per constraint from which constraints are few, as in kkt.hpp
 
 
-class WithCharts(MechanismSystem):
-    """Joints like any other: tables are moved from chart to chart, positions go through Pinocchio."""
-
-    def __init__(self, *args):
-        super().__init__(*args)
-        self.vector_like = False
-
-    def position_scale(self, p):
-        return np.abs(p)  # the same steps as before
-
-    def bracket(self, xi):
-        return np.zeros((self.nx, self.nx))
-
-
-class AllRows(MechanismSystem):
-    """All rows of the loops are evaluated as they stand in the convention; the kept ones are picked from them."""
-
-    def __init__(self, *args):
-        super().__init__(*args)
-        self._kept_rows = self._picked
-
-    def _picked(self, data, q, t):
-        phi, J = self.rows.evaluate(data, q, t)
-        return phi[self.kept], J[self.kept]
-
-
-class WithForceGradient(MechanismSystem):
-    """The gradient of the constraint forces is in every Newton matrix."""
-
-    def linearize(self, t, p, v, a, lam, c, A):
-        J = super().linearize(t, p, v, a, lam, c, A)
-        if c:
-            A -= c**2 * self.force_gradient(t, p, v, lam)
-        return J
-
-
 @dataclass(frozen=True)
 class Variant:
     """A run that skips one piece of work less."""
 
     name: str
-    backend: str = "compiled"
     off: str = ""  # the switch that is off
-    system: type[MechanismSystem] = MechanismSystem
     output: Output = field(default_factory=Output)  # what is requested
     before: Callable = lambda mechanism: None  # what is read first
     concerns: Callable[[MechanismSystem], bool] = lambda system: True  # else the variant changes nothing
@@ -100,7 +61,6 @@ def _switched_off(switch):
 
 
 PLAIN = Variant("nothing switched off")
-PLAIN_PYTHON = Variant("nothing switched off, in Python", "python")
 VARIANTS = (
     PLAIN,
     *(_switched_off(switch.name) for switch in fields(Switches)),
@@ -108,12 +68,7 @@ VARIANTS = (
     Variant("an event", output=Output(events=(Event(lambda t, q, v, lam: t + 1.0),))),
     Variant("a callback", output=Output(callback=lambda *args: False)),
     Variant("geometry", before=visuals, concerns=lambda system: system.mechanism.geometry is not None),
-    PLAIN_PYTHON,
-    Variant("charts", "python", system=WithCharts, concerns=lambda system: system.vector_like),
-    Variant("all rows of the loops", "python", system=AllRows, concerns=_has_loops),
-    Variant("the force gradient in every matrix", "python", system=WithForceGradient, concerns=_has_loops),
 )
-"""Those in Python are compared with the plain run in Python."""
 
 
 @dataclass(frozen=True)
@@ -140,13 +95,10 @@ def ablate(scenes=None, repeats: int = 7) -> Iterator[Cost]:
         mech, until = load(scene), SCENES.get(scene, ELSEWHERE)
         system = MechanismSystem(mech, assemble(mech).q)
         variants = [variant for variant in VARIANTS if variant.concerns(system)]
-        if _core.load()[0] is None:  # then all of it on the Python method
-            others = (variant for variant in variants if not variant.off and variant not in (PLAIN, PLAIN_PYTHON))
-            variants = [PLAIN_PYTHON, *(replace(variant, backend="python") for variant in others)]
         rounds = [[timed_run(mech, until, variant) for variant in variants] for _ in range(repeats + 1)]
         times = np.array([[seconds for seconds, _ in runs] for runs in rounds[1:]])  # the first warms up
         for variant, own, (_, run) in zip(variants, times.T, rounds[-1], strict=True):
-            base = times[:, variants.index(PLAIN if variant.backend == "compiled" else PLAIN_PYTHON)]
+            base = times[:, variants.index(PLAIN)]
             ratio, seconds = float(np.median(own / base)), float(np.median(own))
             yield Cost(scene, variant.name, ratio, seconds, run.nsteps, run.nfev, run.njev)
 
@@ -156,11 +108,11 @@ def timed_run(mech, until, variant, tol=1e-6, atol=1e-8):
     begun, span = time.process_time(), (0.0, until)
     variant.before(mech)
     start = assemble(mech)
-    system = variant.system(mech, start.q)
-    method = method_of(span, "BDF", None, 5, tol, atol, "every-step", None, np.inf, None, variant.backend)
+    system = MechanismSystem(mech, start.q)
+    method = method_of(span, "BDF", None, 5, tol, atol, "every-step", None, np.inf, None)
     if variant.off:
         method = replace(method, switches=replace(method.switches, **{variant.off: False}))
-    stepper = stepper_for(system, method, variant.backend)
+    stepper = stepper_for(system, method)
     run = integrate(system, span, start.q, start.v, method, variant.output, stepper)
     return time.process_time() - begun, run
 
@@ -185,5 +137,5 @@ def command(
         times = ("time>", "{ratio:.2f}"), ("[ms]>", report.scaled("time", 1e3))
         columns = ["variant", *times, "steps>", "residuals>", "matrices>"]
         own = [row for row in rows if row["scene"] == name]
-        report.table(own, columns, f"{name}: time over that of the plain run on the same backend")
+        report.table(own, columns, f"{name}: time over that of the plain run")
     return output.FINE

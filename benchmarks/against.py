@@ -25,10 +25,10 @@ for line in sys.stdin:
     scene, until, tol, least = json.loads(line)
     mech, count, elapsed = pc.load(scene), 0, 0.0
     v0 = {"crank": 12.0} if scene == "crank_rocker" else None
-    pc.simulate(mech, (0.0, until), None, v0, rtol=tol, atol=tol, backend="compiled")
+    pc.simulate(mech, (0.0, until), None, v0, rtol=tol, atol=tol)
     start = time.process_time()
     while elapsed < least:
-        sol = pc.simulate(mech, (0.0, until), None, v0, rtol=tol, atol=tol, backend="compiled")
+        sol = pc.simulate(mech, (0.0, until), None, v0, rtol=tol, atol=tol)
         count, elapsed = count + 1, time.process_time() - start
     print(json.dumps([elapsed / count, sol.nsteps]), flush=True)
 """

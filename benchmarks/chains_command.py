@@ -30,8 +30,6 @@ def command(
     seed: Annotated[int, option("--seed", "N", "Seed of the first of them.")] = 1,
     tol: Annotated[list[float] | None, option(
         "--tol", "NUMBER", "An rtol, atol being a hundredth; may be repeated. Default: 1e-3, 1e-5, 1e-7.")] = None,
-    backend: Annotated[list[str] | None, option(
-        "--backend", "NAME", "compiled or python; may be repeated. Default: compiled.")] = None,
     method: Annotated[str, option("--method", "NAME", "As of simulate.")] = "BDF",
     until: Annotated[float, option("--until", "SECONDS", "Span of a run.")] = 1.0,
     limit: Annotated[float, option("--limit", "SECONDS", "How long a run and its reference may take.")] = 120.0,
@@ -52,8 +50,8 @@ def command(
     output.require_writable(csv=csv)
     if count < 1 or seed < 0:
         raise InputError(f"--count must be positive and --seed not negative, got {count} and {seed}")
-    plan = tol or TOLERANCES, backend or ["compiled"], method
-    rows, total = [], count * len(plan[0]) * len(plan[1])
+    plan = tol or TOLERANCES, method
+    rows, total = [], count * len(plan[0])
     with report.status() as show:
         for run in campaign.runs(range(seed, seed + count), *plan, until=until, limit=limit):
             rows.append(asdict(run))
@@ -71,15 +69,15 @@ def command(
 
 
 def distribution(rows) -> list[dict]:
-    """Of each quantity, backend and tolerance: median, 90 %, 99 % and the worst with its seed."""
+    """Of each quantity and tolerance: median, 90 %, 99 % and the worst with its seed."""
     found = []
-    for name, backend, tol in sorted({(name, row["backend"], row["tol"]) for row in rows for name in QUANTITIES}):
-        alike = [row for row in rows if (row["backend"], row["tol"]) == (backend, tol) and row[name] is not None]
+    for name, tol in sorted({(name, row["tol"]) for row in rows for name in QUANTITIES}):
+        alike = [row for row in rows if row["tol"] == tol and row[name] is not None]
         alike = [row for row in alike if row["outcome"] == campaign.FINE]
         if alike:
             errors, worst = [row[name] for row in alike], max(alike, key=lambda row: row[name])
             shares = dict(zip(("median", "most", "nearly_all"), np.quantile(errors, (0.5, 0.9, 0.99)), strict=True))
-            about = {"quantity": name, "backend": backend, "tol": tol, "runs": len(alike)}
+            about = {"quantity": name, "tol": tol, "runs": len(alike)}
             found.append(about | shares | {"worst": worst[name], "seed": worst["seed"]})
     return found
 
@@ -108,8 +106,8 @@ def _why(row):
     return f"…{text[-SHORTENED:]}" if row["outcome"] == campaign.FOREIGN else f"{text[:SHORTENED]}…"
 
 
-REMARKABLE = ["seed>", "backend", "tol>:g", "outcome", ("q, v, force / tol", _errors), ("why", _why)]
+REMARKABLE = ["seed>", "tol>:g", "outcome", ("q, v, force / tol", _errors), ("why", _why)]
 ERRORS = [
-    ("", "{quantity}"), "backend", "tol>:g", "runs>", "median>:.2g",
+    ("", "{quantity}"), "tol>:g", "runs>", "median>:.2g",
     ("90 %>", "{most:.2g}"), ("99 %>", "{nearly_all:.2g}"), "worst>:.2g", "seed>",
 ]  # fmt: skip

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from pinconsist import PinconsistError
-from pinconsist.dae.charts import chart_point, fastest_turn, turning_coordinates
-from pinconsist.dae.index1 import RightHandSide, chart_state, solve_acceleration
+from pinconsist.dae.charts import chart_matrix, chart_point, fastest_turn, turning_coordinates
+from pinconsist.dae.index1 import solve_acceleration
 
 from .peers.problem import Problem
 
@@ -59,7 +59,7 @@ class DenseReference:
     def _dense(self, rtol, most):
         """(dense output, evaluations), or (None, evaluations) where that many are not enough."""
         problem, system = self.problem, self.system
-        f, count = RightHandSide(system, problem.q0), 0
+        f, count = right_hand_side(system, problem.q0), 0
 
         def counted(t, y):
             nonlocal count
@@ -68,7 +68,8 @@ class DenseReference:
                 raise _TooMany
             return f(t, y)
 
-        y0 = chart_state(system, problem.q0, problem.q0, problem.v0)
+        xi0 = problem.q0 if system.vector_like else np.zeros(system.nx)
+        y0 = np.concatenate((xi0, problem.v0))
         try:
             run = solve_ivp(counted, problem.span, y0, "DOP853", rtol=rtol, atol=rtol, dense_output=True)
         except _TooMany:
@@ -102,6 +103,19 @@ class DenseReference:
         relative = by_lam / of_lam  # the start is given, not computed
         first = relative[1], relative[rows.first]
         return (by_q.max(), by_v.max() / of_v, relative[1:].max(), by_q[-1], *first, by_force[1:].max() / of_force)
+
+
+def right_hand_side(system, base):
+    """f(t, [ξ | v]) of the index-1 equations in the chart at `base`, for scipy."""
+
+    def f(t, y):
+        xi, v = y[: system.nx], y[system.nx :]
+        p = chart_point(system, base, xi)
+        a, _ = solve_acceleration(system, t, p, v)
+        rate = system.rate(t, p, v)
+        return np.concatenate((rate if system.vector_like else chart_matrix(system, xi) @ rate, a))
+
+    return f
 
 
 def _size(values):

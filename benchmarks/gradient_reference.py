@@ -1,13 +1,17 @@
 """Derivatives of reference runs: differences of DOP853 on the index-1 equations at 1e-13."""
 
 import numpy as np
+from scipy.integrate import solve_ivp
 
-from pinconsist._core.compiled_gradient import index1_of
-from pinconsist.dae.start import integrate_index1
+from pinconsist import PinconsistError
+from pinconsist._core.gradients import index1_of
+from pinconsist.dae.charts import chart_point
 from pinconsist.gradients.prepare import named_start
 from pinconsist.mechanism.assembly import assembled
 from pinconsist.mechanism.closing import LoopSolver
 from pinconsist.mechanism.system import MechanismSystem
+
+from .dense_reference import right_hand_side
 
 FOUR = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}  # of fourth order
 SIX = {-3: -1 / 60, -2: 3 / 20, -1: -3 / 4, 1: 3 / 4, 2: -3 / 20, 3: 1 / 60}  # of sixth: for longer steps
@@ -19,16 +23,27 @@ def reference(mech, q0, v0, times):
     solver = LoopSolver(mech, times[0])
     start = assembled(solver, q0, v0)
     system = MechanismSystem(mech, start.q, times[0], solver)
-    index1, t, p, v, rows = index1_of(system, True), times[0], start.q, start.v, []
+    index1, t, p, v, rows = index1_of(system), times[0], start.q, start.v, []
     rows.append((p, v, system.full_multipliers(p, index1.state(t, p, v)[3])))
     for end in times[1:]:
         for stop in np.linspace(t, end, 2 if system.dropped_are_zero else PIECES + 1)[1:]:
-            t, p, v, lam = integrate_index1(index1, t, p, v, [stop], 1e-13, 1e-14)[0]
+            t, p, v, lam = _followed(index1, t, p, v, stop)
             full = system.full_multipliers(p, lam)
             if (fresh := system.reselected(p)) is not None:
-                system, index1 = fresh, index1_of(fresh, True)
+                system, index1 = fresh, index1_of(fresh)
         rows.append((p, v, full))
     return system, tuple(map(np.array, zip(*rows, strict=True)))
+
+
+def _followed(index1, t, p, v, end):
+    """(t, p, v, λ) at `end`, from a state on the constraints; no joint may turn by more than half a turn."""
+    system = index1.system
+    y0 = np.concatenate((p if system.vector_like else np.zeros(system.nx), v))
+    run = solve_ivp(right_hand_side(system, p), (t, end), y0, "DOP853", rtol=1e-13, atol=1e-14)
+    if not run.success:
+        raise PinconsistError(run.message)
+    y = run.y[:, -1]
+    return index1.state(end, chart_point(system, p, y[: system.nx]), y[system.nx :])
 
 
 def differences(mech, names, times, q0=None, v0=None, relative=3e-4, weights=FOUR):

@@ -11,8 +11,8 @@ import pinocchio as pin
 import typer
 from scipy.linalg.lapack import dgesv
 
-from pinconsist import _core, assemble, load, simulate
-from pinconsist._core.compiled import stepper_for
+from pinconsist import assemble, load, simulate
+from pinconsist._core.steppers import stepper_for
 from pinconsist.cli import output
 from pinconsist.cli.scene import option
 from pinconsist.mechanism.system import MechanismSystem
@@ -29,7 +29,6 @@ CHAINS = {8: 1.0, 32: 1.0, 64: 1.0, 128: 1.0, 256: 1.0}  # links → s
 class Overhead:
     """A step and the bare Pinocchio calls of one residual: medians of wall times, s."""
 
-    backend: str
     rtol: float
     steps: int  # accepted
     residuals: float  # per accepted step
@@ -38,10 +37,6 @@ class Overhead:
     bare_time: float  # of rnea, computeJointJacobians, constraint calc and Jacobian, called from Python
     least_time: float  # the same and computeRNEADerivatives, and dgesv of the KKT matrix for three right-hand sides
     ratio: float  # of a step to the bare calls, measured alternately
-
-
-def backends() -> tuple[str, ...]:
-    return ("python",) if _core.load()[0] is None else ("compiled", "python")
 
 
 def overhead(scene=SCENE, tolerances=(1e-6, 1e-7, 1e-8), repeats=9) -> list[Overhead]:
@@ -53,18 +48,17 @@ def overhead(scene=SCENE, tolerances=(1e-6, 1e-7, 1e-8), repeats=9) -> list[Over
     begin = assemble(mech, *start)
     system = MechanismSystem(mech, begin.q)
     rows = []
-    for backend in backends():
-        for tol in tolerances:
-            times = []
-            for _ in range(repeats):
-                begun = time.perf_counter()
-                sol = simulate(mech, span, *start, rtol=tol, atol=tol, backend=backend)
-                run = (time.perf_counter() - begun) / sol.nsteps
-                steps, seconds = _steps(system, begin, span[1], backend, tol)
-                times.append((seconds / steps, run, *_bare_calls(system, begin.q)))
-            step, run, bare, least = np.array(times).T
-            medians = map(float, np.median((step, run, bare, least, step / bare), axis=1))
-            rows.append(Overhead(backend, tol, sol.nsteps, sol.nfev / sol.nsteps, *medians))
+    for tol in tolerances:
+        times = []
+        for _ in range(repeats):
+            begun = time.perf_counter()
+            sol = simulate(mech, span, *start, rtol=tol, atol=tol)
+            run = (time.perf_counter() - begun) / sol.nsteps
+            steps, seconds = _steps(system, begin, span[1], tol)
+            times.append((seconds / steps, run, *_bare_calls(system, begin.q)))
+        step, run, bare, least = np.array(times).T
+        medians = map(float, np.median((step, run, bare, least, step / bare), axis=1))
+        rows.append(Overhead(tol, sol.nsteps, sol.nfev / sol.nsteps, *medians))
     return rows
 
 
@@ -92,34 +86,29 @@ def _bare_calls(system, q, count=2000) -> tuple[float, float]:
 class ChainStep:
     """Median time of an accepted step of a hanging chain, its start not counted, s."""
 
-    backend: str
     links: int
     steps: int
     step_time: float
 
 
 def chain_steps(chains=None, repeats=3) -> list[ChainStep]:
-    """Measure the steps of ``chain_<n>``, released from rest, at tolerance 1e-6, on every backend in turn."""
+    """Measure the steps of ``chain_<n>``, released from rest, at tolerance 1e-6."""
     rows = []
     for links, until in (chains or CHAINS).items():
         mech = load(f"chain_{links}")
         start = assemble(mech)
         system = MechanismSystem(mech, start.q)
-        times = {backend: [] for backend in backends()}
-        for _ in range(repeats):
-            for backend, found in times.items():
-                found.append(_steps(system, start, until, backend))
-        for backend, found in times.items():
-            steps, seconds = found[0][0], np.median([seconds for _, seconds in found])
-            rows.append(ChainStep(backend, links, steps, float(seconds / steps)))
+        found = [_steps(system, start, until) for _ in range(repeats)]
+        steps, seconds = found[0][0], np.median([seconds for _, seconds in found])
+        rows.append(ChainStep(links, steps, float(seconds / steps)))
     return rows
 
 
-def _steps(system, start, until, backend, tol=1e-6) -> tuple[int, float]:
+def _steps(system, start, until, tol=1e-6) -> tuple[int, float]:
     """Accepted steps, and the seconds that they took."""
     span = (0.0, until)
-    method = method_of(span, "BDF", None, 5, tol, tol, "every-step", None, np.inf, None, backend)
-    stepper = stepper_for(system, method, backend)
+    method = method_of(span, "BDF", None, 5, tol, tol, "every-step", None, np.inf, None)
+    stepper = stepper_for(system, method)
     stepper.begin(0.0, start.q, start.v, until)
     steps, begun = 0, time.perf_counter()
     while stepper.t != until:
@@ -186,17 +175,15 @@ def _against(other, scenes, csv, as_json):
 def _print_overhead(name, rows):
     named = {"step": "step_time", "run/steps": "run_time", "bare calls": "bare_time", "with K⁻¹": "least_time"}
     times = [(f"{heading} [us]>", report.scaled(key, 1e6, 2)) for heading, key in named.items()]
-    columns = ["backend", "rtol>:g", "steps>", ("residuals/step>", "{residuals:.2f}"), *times]
+    columns = ["rtol>:g", "steps>", ("residuals/step>", "{residuals:.2f}"), *times]
     start = "5 s from 12 rad/s" if name == SCENE else "from rest"
     title = f"{name}, {start}: a step, and rnea + joint Jacobians + constraint + its Jacobian"
     report.table(rows, [*columns, ("step/bare>", "{ratio:.2f}")], title)
 
 
 def _print_chains(rows):
-    shortest = {row["backend"]: row for row in reversed(rows)}
-
     def growth(row, name):
-        return row[name] / shortest[row["backend"]][name]
+        return row[name] / rows[0][name]
 
     times = [
         ("step [us]>", report.scaled("step_time", 1e6)),
@@ -204,7 +191,7 @@ def _print_chains(rows):
         ("over linear>", lambda row: f"{growth(row, 'step_time') / growth(row, 'links'):.2f}"),
     ]
     title = "hanging chains from rest, 1 s at 1e-6: a step, the start not counted"
-    report.table(rows, ["backend", "links>", "steps>", *times], title)
+    report.table(rows, ["links>", "steps>", *times], title)
 
 
 def _print_around(rows):

@@ -13,7 +13,7 @@ from typing import Annotated
 import numpy as np
 
 from pinconsist import load, simulate, sweep
-from pinconsist._core.compiled_system import CompiledRun
+from pinconsist._core.steppers import Stepper
 from pinconsist.cli import output
 from pinconsist.cli.scene import option
 from pinconsist.sweep_table import Journal, SceneSweep, write_table
@@ -124,7 +124,7 @@ def threads(until, method, repeats=7, cases=40) -> Threads:
 
 def _free_share(work, cases) -> float:
     """The share of the time in the loop around the steps, which holds no lock of Python's."""
-    inside, made = [], CompiledRun.made
+    inside, made = [], Stepper.steps
 
     def timed(*arguments):
         begun = time.thread_time()
@@ -133,14 +133,14 @@ def _free_share(work, cases) -> float:
         finally:
             inside.append(time.thread_time() - begun)
 
-    CompiledRun.made = timed
+    Stepper.steps = timed
     try:
         begun = time.thread_time()
         for case in cases:
             work(case)
         return sum(inside) / (time.thread_time() - begun)
     finally:
-        CompiledRun.made = made
+        Stepper.steps = made
 
 
 # fmt: off

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ._core import load
-from ._core.compiled import stepper_for
-from ._core.compiled_system import CompiledIndex1, blank_system, compiled_system
+from ._core.steppers import stepper_for
+from ._core.systems import CompiledIndex1, blank_system, compiled_system
 from .dae.control import ErrorControl
 from .dae.index1 import Index1, solve_acceleration
 from .dae.integrate import integrate
@@ -196,7 +196,7 @@ def _method(solution, system, by_radau):
     order = None if name == "Radau" and step is None else order
     most = MOST_STEPS * (solution.nsteps + LOOKS)
     longest = min(SHORTER * about.get("max_step", np.inf), length / _steps(name))
-    method = method_of(span, name, step, order, rtol, atol, about["consistency"], None, longest, most, "auto")
+    method = method_of(span, name, step, order, rtol, atol, about["consistency"], None, longest, most)
     return looking(method, system, span)
 
 
@@ -366,8 +366,7 @@ class Equations:
         known = self._index1
         fresh = MechanismSystem(self._mechanism, q, t) if known is None else known.system.reselected(q)
         if fresh is not None:
-            compiled = load()[0] is not None
-            self._index1 = CompiledIndex1(fresh, compiled_system(fresh)) if compiled else Index1(fresh)
+            self._index1 = CompiledIndex1(fresh, compiled_system(fresh))
         return self._index1
 
 

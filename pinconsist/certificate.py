@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
-from ._core.compiled_system import blank_system
+from ._core.systems import blank_system
 from .accuracy import OFF, GlobalError, accelerations, figure, global_error, measured, work_of
 from .dae.norms import largest
 from .mechanism.branches import branch_times

@@ -5,15 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ._core.compiled import BACKENDS
-from .dae import consistency as paper
 from .dae import integrate as dae
+from .dae.consistency import MODES, check_mode
 from .dae.control import ErrorControl, FixedStep
 from .dae.norms import EPS
-from .dae.radau_control import RadauControl
 from .dae.rounding import shortest_step
 from .dae.tuning import ENDLESS, FIRST_STAGES, MAX_ADAPTIVE_ORDER, MAX_ORDER, MOST_STAGES, STAGES, SURE
-from .errors import InputError
+from .errors import InputError, warn
 from .mechanism.checks import finite_array
 
 log = logging.getLogger(__name__)
@@ -29,16 +27,14 @@ def span_of(t_span):
     return float(span[0]), float(span[1])
 
 
-def method_of(
-    span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps, backend
-) -> dae.Method:
+def method_of(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps) -> dae.Method:
     """The method that the arguments of :func:`pinconsist.simulate` ask for, or InputError."""
-    choices = (("method", method, METHODS), ("consistency", consistency, paper.MODES), ("backend", backend, BACKENDS))
+    choices = (("method", method, METHODS), ("consistency", consistency, MODES))
     for what, chosen, known in choices:
         if chosen not in known:
             raise InputError(f"unknown {what} {chosen!r}; choose from {', '.join(map(repr, known))}")
     stages = _stages(max_order, step, consistency) if method == "Radau" else None
-    paper.MODES[consistency].check(step is not None)
+    check_mode(consistency, step is not None)
     if stages is not None:  # 0 where the method chooses them
         order = 2 * (stages or MOST_STAGES) - 1
     else:
@@ -56,10 +52,7 @@ def method_of(
     first_step = None if first_step is None else positive_time(first_step, "first_step")
     max_step = np.inf if max_step == np.inf else positive_time(max_step, "max_step")
     tolerances = _pair(rtol, "rtol"), _pair(atol, "atol")
-    if stages is not None:
-        control = RadauControl(*tolerances, order, max_step, stages=stages)
-    else:
-        control = ErrorControl(*tolerances, order, max_step, consistency == "every-step")
+    control = ErrorControl(*tolerances, order, max_step, consistency == "every-step", stages)
     asked = control.asked[0]
     if asked < 1e-13:
         raise InputError(f"rtol = {rtol!r} is below 1e-13, which double precision cannot reach")
@@ -69,6 +62,12 @@ def method_of(
         better = "" if order >= MAX_ADAPTIVE_ORDER else f"; order 5 gives {ErrorControl((), (), 5, 1.0).best:.1g}"
         log.warning("rtol = %g: order %d gives about %.1g in double precision%s", asked, order, control.best, better)
     return dae.Method(order, consistency, control, None, first_step, max_steps, stages=stages)
+
+
+def without_backend(backend) -> None:
+    """Warn of an argument that has no effect any more."""
+    if backend is not None:
+        warn("backend= has no effect any more: all runs are made by the compiled method. Leave it out")
 
 
 def warn_of_differences(system, method) -> None:

@@ -150,8 +150,6 @@ def resume(file, *, scene=None, forces=None, callback=None) -> Solution:
         _log.warning("%s was started with other versions (%s): the last bits may differ", file, "; ".join(other))
     with ended_like_ctrl_c():
         whole = carry_out(recipe, mechanism, file, begun=solution, callback=callback)
-    if (then := solution.method.get("backend")) != (now := whole.method.get("backend")):
-        _log.warning("%s: started by the %s method, continued by the %s one; the last bits may differ", file, then, now)
     return whole
 
 
@@ -182,8 +180,6 @@ def rerun(file, *, scene=None, forces=None, callback=None) -> Rerun:
     cut_short = old.status != 0 and len(old.t)  # rows after that are not compared
     new = carry_out(replace(recipe, checkpoint=None), mechanism, None, callback=until if cut_short else callback)
     about, numbers = _other_versions(old), []
-    if (then := old.method.get("backend")) != (now := new.method.get("backend")):
-        about.append(f"the backend was {then}, now it is {now}")
     for name in (*ROWS, *STEPS):
         then, now = getattr(old, name), getattr(new, name)
         if then.shape != now.shape:

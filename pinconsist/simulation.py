@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ._core.compiled import stepper_for
+from ._core.steppers import stepper_for
 from .dae import integrate as dae
 from .dae.events import as_events
 from .dae.hessenberg import HessenbergProblem
@@ -17,14 +17,14 @@ from .mechanism.closing import LoopSolver
 from .mechanism.mechanism import Mechanism, with_added_forces
 from .mechanism.rank import require_nonsingular
 from .mechanism.system import MechanismSystem
-from .options import looking, method_of, span_of, warn_of_differences
+from .options import looking, method_of, span_of, warn_of_differences, without_backend
 from .solution import Solution
 
 
 def simulate(
     mech, t_span, q0=None, v0=None, *, method="BDF", step=None, max_order=None, rtol=1e-6, atol=1e-8, forces=(),
     control=None, t_eval=None, dense_output=False, events=None, callback=None, consistency="every-step",
-    first_step=None, max_step=np.inf, max_steps=None, backend="auto",
+    first_step=None, max_step=np.inf, max_steps=None, backend=None,
 ) -> Solution:  # fmt: skip
     """Assemble a mechanism and integrate its index-3 equations of motion.
 
@@ -80,10 +80,8 @@ def simulate(
         begin to act after a time of rest. See the notes.
     max_steps : int, optional
         Stop with an error after this many steps.
-    backend : {"auto", "compiled", "python"}
-        Implementation of the steps. The compiled one is the same method in C++, about ten times faster;
-        ``"auto"`` uses it if it was built. Results agree within the accuracy of a run, not digit by digit: the compiled
-        method omits work that does not affect the error test, and one different step changes all later ones.
+    backend : str, optional
+        Has no effect any more.
 
     Returns
     -------
@@ -113,23 +111,24 @@ def simulate(
     UserFunctionError
         A user-defined function raised an exception before the first step; later ones result in a failed solution.
     """
+    without_backend(backend)
     mech = with_added_forces(mech, forces, "simulate")
     mech = mech if control is None else mech.with_control(control)
     span = span_of(t_span)
-    chosen = method_of(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps, backend)
+    chosen = method_of(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps)
     solver = LoopSolver(mech, span[0])
     solver.loop_rows.breakpoints.look_ahead(span[0], span[1], mech.guess, np.zeros(mech.nv), step is None)
     assembly = assembled(solver, q0, v0)
     system = MechanismSystem(mech, assembly.q, span[0], solver)
     require_nonsingular(system, assembly.q)
     output = _output(span, t_eval, dense_output, as_events(events, mech), callback)
-    return _integrated(system, span, assembly.q, assembly.v, chosen, output, backend)
+    return _integrated(system, span, assembly.q, assembly.v, chosen, output)
 
 
 def integrate(
     system, t_span, p0, v0, *, method="BDF", step=None, max_order=None, rtol=1e-6, atol=1e-8, t_eval=None,
     dense_output=False, events=None, callback=None, consistency="every-step", first_step=None, max_step=np.inf,
-    max_steps=None, backend="auto",
+    max_steps=None, backend=None,
 ) -> Solution:  # fmt: skip
     """Integrate an index-3 system from given initial values, without assembly.
 
@@ -157,8 +156,9 @@ def integrate(
         Wrong sizes, NaN, or a position off the constraint, which at index 3 would spoil the multipliers by
         |Φ|/step².
     """
+    without_backend(backend)
     span = span_of(t_span)
-    chosen = method_of(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps, backend)
+    chosen = method_of(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps)
     p0, v0 = finite_array(p0, "p0"), finite_array(v0, "v0")
     system = system_of(system, span[0], p0, v0)
     phi = system.constraint(span[0], p0, system.rate(span[0], p0, v0))[0]
@@ -170,14 +170,14 @@ def integrate(
             "constraint, or use simulate(), which assembles"
         )
     events = as_events(events, getattr(system, "mechanism", None))
-    return _integrated(system, span, p0, v0, chosen, _output(span, t_eval, dense_output, events, callback), backend)
+    return _integrated(system, span, p0, v0, chosen, _output(span, t_eval, dense_output, events, callback))
 
 
-def _integrated(system, span, p0, v0, chosen, output, backend) -> Solution:
+def _integrated(system, span, p0, v0, chosen, output) -> Solution:
     warn_of_differences(system, chosen)
     chosen = looking(chosen, system, span)
     with deferred(late=False) as interrupted:
-        stepper = stepper_for(system, chosen, backend)
+        stepper = stepper_for(system, chosen)
         trajectory = dae.integrate(system, span, p0, v0, chosen, output, stepper, interrupted)
         return Solution._from_trajectory(trajectory, chosen, output.events)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ._core.compiled_system import blank_system
+from ._core.systems import blank_system
 from .accuracy import PATIENCE, GlobalError, NotEstimatedError, accelerations, finer_run
 from .certificate import Certificate, certify
 from .errors import InputError
@@ -122,7 +122,7 @@ class Solution(ByName):
             values[f"{name}_events"] = [np.array([row[k] for row in rows]) for rows in trajectory.events]
         outcome = ("status", "message", "nsteps", "nfev", "njev", "nlu", "rejected")
         scene, values["held"] = getattr(system, "mechanism", None), getattr(system, "held", {})
-        about = {"backend": trajectory.backend, "skipped": skipped_work(trajectory)}
+        about: dict[str, Any] = {"skipped": skipped_work(trajectory)}
         about |= {"forces": len(scene.forces)} if scene else {}
         about |= {"control": control} if scene and (control := commands(scene)) else {}
         return cls(
@@ -135,7 +135,7 @@ class Solution(ByName):
         first = self.message.split(". ")[0]
         lines = [f"Solution of {self.scene or 'a problem'}: {len(self.t)} rows, {self.nsteps} steps, {first!r}"]
         if len(self.t):
-            made = ", ".join(str(self.method[key]) for key in ("method", "backend") if key in self.method)
+            made = self.method.get("method", "")
             sizes = ", ".join(f"{name} {getattr(self, name).shape}" for name in ("q", "v", "lam"))
             lines += [f"  t     {self.t[0]:g} … {self.t[-1]:g} s, {made}", f"  rows  {sizes}"]
         mechanism = getattr(self.system, "mechanism", None)

@@ -131,11 +131,9 @@ def summary_of(solution) -> str:
     if len(taken):
         counts = np.bincount(solution.order[solution.h != 0])
         orders = [f"{count} of order {k}" for k, count in enumerate(counts) if k and count]
-        orders += [f"{counts[0]} by the one-step start"] if counts[0] else []
+        orders += [f"{counts[0]} of the start"] if counts[0] else []
         lines.append(f"steps {taken.min():.3g} … {taken.max():.3g} s: {', '.join(orders)}")
     lines.append(f"{solution.nfev} residuals, {solution.njev} Newton matrices, {solution.nlu} factorisations")
-    if backend := solution.method.get("backend"):
-        lines.append(f"steps made by the {backend} method" if backend == "compiled" else f"steps made in {backend}")
     if rows := [skip for skip in solution.method.get("skipped", ()) if "loop rows" in skip]:
         lines.append(f"skipped: {', '.join(rows)}")  # the rest, work that was not requested, is in `method`
     return "\n".join(lines)

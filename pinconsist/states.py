@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ._core.compiled import stepper_for
+from ._core.steppers import stepper_for
 from .accuracy import Equations
 from .dae.charts import chart_matrix, chart_rate_gradient
 from .dae.index1 import Index1
@@ -138,7 +138,7 @@ class Steps:
             order = int(self._solution.order[row])
             step, first = (h, None) if about["step"] is not None else (None, h)
         consistency = "every-step"
-        return method_of((t0, t1), "Radau", step, order, rtol, atol, consistency, first, np.inf, None, "auto")
+        return method_of((t0, t1), "Radau", step, order, rtol, atol, consistency, first, np.inf, None)
 
 
 def quintic(t, h, start, end):

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ._core.compiled import stepper_for
+from ._core.steppers import stepper_for
 from .dae.events import EventWatch, as_events
 from .dae.integrate import march, trajectory_of
 from .dae.output import STOPPED, SUCCESS, Output, Record, Stop
@@ -23,7 +23,7 @@ from .mechanism.forces.actuators import BoundHeldActuator, programmed
 from .mechanism.mechanism import with_added_forces
 from .mechanism.rank import require_nonsingular
 from .mechanism.system import MechanismSystem
-from .options import method_of, positive_time
+from .options import method_of, positive_time, without_backend
 from .solution import Solution
 
 
@@ -84,12 +84,13 @@ class Simulation:
 
     def __init__(
         self, mech, q0=None, v0=None, *, t0=0.0, method="Radau", step=None, max_order=None, rtol=1e-6, atol=1e-8,
-        forces=(), events=None, max_step=np.inf, backend="auto",
+        forces=(), events=None, max_step=np.inf, backend=None,
     ):  # fmt: skip
+        without_backend(backend)
         mech = with_added_forces(mech, forces, "Simulation")
-        self.mechanism, self._events, self._backend = programmed(mech), as_events(events, mech), backend
+        self.mechanism, self._events = programmed(mech), as_events(events, mech)
         self._step, self._columns = step, {}
-        self._options = (method, step, max_order, rtol, atol, "every-step", None, max_step, None, backend)
+        self._options = (method, step, max_order, rtol, atol, "every-step", None, max_step, None)
         self._free = Lock()
         self.reset(q0, v0, t0)
 
@@ -130,7 +131,7 @@ class Simulation:
     def _stand(self, system, t, q, v, like=None):
         """Where a run will begin, with what controllers hold in the system of another run."""
         self._method = method_of((t, t + 1.0), *self._options)
-        self._stepper = stepper_for(system, self._method, self._backend)
+        self._stepper = stepper_for(system, self._method)
         self._record = Record(Output(events=self._events), (t, t + 1.0), self._stepper.full_multipliers, bool)
         self._watch = EventWatch(self._events, self._stepper, bool)
         self._control, self._torque, self._commands = system.held_forces[-1], np.zeros(system.nv), {}

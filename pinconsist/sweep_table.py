@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from . import _core
-from ._core.compiled_system import blank_system
+from ._core.systems import blank_system
 from .errors import FormatError, InputError, PinconsistError
 from .files import written_whole
 from .mechanism.description import digests
@@ -158,7 +157,6 @@ class SceneSweep:
             "varied": list(self.names),
             "quantities": list(self.of),
             "cases": {"count": len(cases), "content": hashlib.sha256(json.dumps(cases).encode()).hexdigest()},
-            "backend": "python" if _core.load()[0] is None else "compiled",  # the last bits differ
             "versions": versions(),
         }
 

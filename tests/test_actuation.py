@@ -12,7 +12,6 @@ import pytest
 from helpers import actuated
 
 import pinconsist as pc
-from pinconsist.analysis.coordinates import Follower
 from pinconsist.dae.index1 import solve_acceleration
 from pinconsist.mechanism.lie import difference
 from pinconsist.mechanism.names import velocity_names
@@ -220,14 +219,13 @@ def test_short_ways_and_none_at_all_are_not_blocked(name):
     """Motors that stand where they should, or nearly, as those of a controller at rest."""
     act, rng = actuation(name), np.random.default_rng(2)
     chosen, start = act._chosen, act.q
-    plain = Follower(chosen.rows, chosen.system.integrate, chosen.columns, chosen.sizes)
     for _ in range(5):
         q = moved(act, rng)
         for way in (0.0, 1e-16, 1e-12, 1e-9, 5e-9, -1e-12, -5e-9):
             found, ok = act.closure(act.positions(q) + way, q=q)
             assert ok, (way, act.message)
             np.testing.assert_allclose(pin.difference(act.mechanism.model, q, found), 0.0, atol=1e-6)
-            assert plain.follow(q, np.full(len(chosen.columns), way))[1] == 1.0
+            assert chosen.follower.follow(q, np.full(len(chosen.columns), way))[1] == 1.0
     act.q = start
 
 
@@ -412,20 +410,6 @@ def test_a_floating_robot_has_its_base_among_the_motors():
     assert ok
     np.testing.assert_allclose(q[7:9], [0.1, -0.05], atol=1e-10)
     np.testing.assert_allclose(pin.Quaternion(q[3:7]).toRotationMatrix(), R, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ["five_bar", "ankle", "delta_robot"])
-def test_the_python_of_the_closure_does_the_same(name):
-    act, rng = actuation(name), np.random.default_rng(2)
-    chosen, start = act._chosen, act.q
-    if isinstance(chosen.follower, Follower):
-        pytest.skip("there is no compiled part")
-    plain = Follower(chosen.rows, chosen.system.integrate, chosen.columns, chosen.sizes)
-    for far in (0.05, 0.8, 3.0):
-        way = rng.uniform(-far, far, len(chosen.columns))
-        (q, share), (other, other_share) = chosen.follower.follow(start, way), plain.follow(start, way)
-        np.testing.assert_allclose(other, q, atol=1e-6 if share < 1.0 else 1e-12)
-        assert other_share == pytest.approx(share, abs=1e-6)
 
 
 def test_tables(tmp_path):

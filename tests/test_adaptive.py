@@ -10,12 +10,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from helpers import scenes, zoo
-from helpers.twin import needs_both
 
 import pinconsist as pc
-from pinconsist.dae import control
-from pinconsist.dae.rounding import representable
-from pinconsist.dae.tuning import DRIFT
 
 DATA = Path(__file__).parent / "data"
 TOLERANCES = [10.0**-k for k in range(2, 10)]
@@ -180,7 +176,6 @@ def test_rotations_over_tolerances(name):
     assert run(name, FEWER[-1]).success
 
 
-@pytest.mark.compiled
 def test_heavy_top_points_where_it_should():
     for tol, bound in ((1e-6, 2e-3), (1e-9, 1e-5), (1e-11, 3e-7)):
         sol = run("heavy_top", tol)
@@ -188,7 +183,6 @@ def test_heavy_top_points_where_it_should():
         np.testing.assert_allclose(rotation[:, 1], (0.173343964098, 0.640088592070, -0.748490791134), atol=bound)
 
 
-@pytest.mark.compiled
 def test_andrews_over_all_tolerances():
     """The benchmark's angles, rates and multipliers at the end; its rates are published to 5e-8, λ to 1.3e-6."""
     mech, errors = pc.load("andrews"), []
@@ -215,7 +209,6 @@ def _axes(sol, frame):
     return scenes.on_stage(sol.system.model, sol.q[-1], frame).rotation
 
 
-@pytest.mark.compiled
 def test_bricard_over_all_tolerances():
     """Redundant rows at all times: the place of P3 at four instants."""
     table = {
@@ -233,7 +226,6 @@ def test_bricard_over_all_tolerances():
     falls_with_tolerance(TOLERANCES, errors, bound=10.0)
 
 
-@pytest.mark.compiled
 def test_car_axis_over_all_tolerances():
     """A constraint that moves, in the general form."""
     problem, p0, v0 = scenes.car_axis()
@@ -247,7 +239,6 @@ def test_car_axis_over_all_tolerances():
         falls_with_tolerance(FEWER[:-1], error, bound=100.0)
 
 
-@pytest.mark.compiled
 def test_double_four_bar_through_its_singular_positions():
     """Thirteen times in 10 s the degrees of freedom jump from 1 to 3; the true branch is the parallelogram's."""
     errors, energies = [], []
@@ -266,7 +257,6 @@ def test_double_four_bar_through_its_singular_positions():
     assert abs(angle - 6.341033361312) < 1e-7 and abs(rate - 1.018964591438) < 1e-6
 
 
-@pytest.mark.compiled
 def test_runs_at_rounding_pass_singular_positions_or_name_them():
     """Where rounding fails the error test shorter steps fail it more, and are not tried without end. A step that ends
     within 1e-6 of a singular position, where velocities are known to 1e-4, cannot be helped: one run in twenty. Which
@@ -282,12 +272,11 @@ def test_runs_at_rounding_pass_singular_positions_or_name_them():
     assert good >= 6
 
 
-@pytest.mark.parametrize("backend", ["auto", "python"])
 @pytest.mark.parametrize("away", np.linspace(0.9e-6, 1.1e-5, 12))
-def test_no_run_creeps_beside_a_singular_position(away, backend):
+def test_no_run_creeps_beside_a_singular_position(away):
     """Noise that Newton cannot pass, of a start too close: through it or a reason, never steps of 1e-16 s for ever."""
     mech, q0 = pc.load("n_four_bar_1"), {"crank0": np.pi / 2 - away, "coupler0": away - np.pi / 2}
-    sol = pc.simulate(mech, (0.0, 0.3), q0, {"crank0": 1.0}, rtol=1e-7, atol=1e-7, backend=backend, max_steps=2_000)
+    sol = pc.simulate(mech, (0.0, 0.3), q0, {"crank0": 1.0}, rtol=1e-7, atol=1e-7, max_steps=2_000)
     assert sol.status == 0 or "the constraints are nearly dependent" in sol.message, sol.message
 
 
@@ -300,7 +289,6 @@ def spikiness(errors, width=10):
     return errors / np.array([np.median(window) for window in windows])
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("tol", [1e-4, 1e-6, 1e-8])
 @pytest.mark.parametrize("name", ["crank_rocker", "spherical_chain", "heavy_top", "andrews"])
 def test_multipliers_have_no_spikes(name, tol):
@@ -364,20 +352,9 @@ def test_four_bar_beats_the_prototype(tol):
 def test_work_on_the_four_bar():
     sol = run("four_bar", 1e-6)
     rejected = sum(sol.rejected.values())
-    most = 2.0 if sol.method["backend"] == "compiled" else 2.2  # plain Newton looks twice in every step, tries included
+    most = 2.0
     assert sol.nfev <= most * sol.nsteps and sol.nlu <= sol.nfev
     assert rejected <= 0.10 * (sol.nsteps + rejected) and sol.rejected["newton"] == 0
-
-
-def test_the_safety_factor_saves_work(monkeypatch):
-    """0.9 instead of 0.8: as many residuals, larger errors."""
-    options = {"q0": {"crank": -1.0}, "rtol": 1e-4, "atol": 1e-4, "backend": "python"}
-    q = reduced("four_bar", run("four_bar", 1e-4))[0][-1]
-    chosen = pc.simulate(pc.load("four_bar"), (0.0, 5.0), **options)
-    monkeypatch.setattr(control, "SAFETY", 0.9)
-    other = pc.simulate(pc.load("four_bar"), (0.0, 5.0), **options)
-    assert chosen.nfev < 1.05 * other.nfev and sum(chosen.rejected.values()) < sum(other.rejected.values())
-    assert np.abs(chosen.q[-1] - q).max() < np.abs(other.q[-1] - q).max()
 
 
 # --- options
@@ -513,7 +490,7 @@ def test_a_pendulum_comes_to_rest_in_ten_thousand_seconds():
     assert np.abs(sol.v[-1]).max() < 1e-6 and sol.check(error=False).force < 1e-3
 
 
-@pytest.mark.parametrize("tol", [1e-4, 1e-6, pytest.param(1e-9, marks=pytest.mark.compiled)])
+@pytest.mark.parametrize("tol", [1e-4, 1e-6, 1e-9])
 def test_discontinuous_forces(tol):
     """A square wave of 20 N·m with 25 jumps: the error stays at the tolerance, measured piece by piece."""
     mech = pc.load("four_bar")
@@ -567,7 +544,7 @@ def test_a_stiff_rod_moves_as_a_rigid_one():
     np.testing.assert_allclose(stiff.q[-1], rigid.q[-1], atol=3e-4)
 
 
-@pytest.mark.parametrize("mass", [1e-8, pytest.param(1e-4, marks=pytest.mark.compiled)])
+@pytest.mark.parametrize("mass", [1e-8, 1e-4])
 def test_a_nearly_massless_rod(mass):
     """A rod of 1e-8 kg beside 1 kg: the motion is that of a massless one."""
     mech = pc.load("slider_crank")
@@ -589,22 +566,20 @@ def test_a_velocity_that_grows_beyond_bounds_ends_the_run():
     np.testing.assert_allclose(sol.v[sol.t < 0.9, 0], 1.0 / (1.0 - sol.t[sol.t < 0.9]), rtol=1e-4)
 
 
-@pytest.mark.parametrize("backend", ["python", pytest.param("compiled", marks=pytest.mark.compiled)])
 @pytest.mark.parametrize(("method", "order"), [("Radau", None), ("Radau", 5), ("BDF", None)])
-def test_a_push_after_a_time_of_rest_is_not_missed(method, order, backend):
+def test_a_push_after_a_time_of_rest_is_not_missed(method, order):
     """A parallelogram of constant inertia, 5/3 kg m²; one step of Radau went from the start to the end of the run."""
     rest = pc.load("n_four_bar_1").with_gravity((0.0, 0.0, 0.0))
     push = {"crank0": lambda t: 0.2 * np.sin(np.pi * (t - 4.5)) ** 4 if 4.5 < t < 5.5 else 0.0}
-    sol = pc.simulate(rest, (0.0, 10.0), forces=[push], method=method, max_order=order, backend=backend)
+    sol = pc.simulate(rest, (0.0, 10.0), forces=[push], method=method, max_order=order)
     assert sol.v[-1, 0] == pytest.approx(0.2 * 0.375 / (5.0 / 3.0), rel=1e-4)
 
 
-@pytest.mark.parametrize("backend", ["python", pytest.param("compiled", marks=pytest.mark.compiled)])
 @pytest.mark.parametrize(("t0", "tol"), [(3e8, 1e-7), (1e9, 3e-7)])
-def test_a_start_at_a_large_time(t0, tol, backend):
+def test_a_start_at_a_large_time(t0, tol):
     """Steps of the start were too short for its times: its polynomial was evaluated at the end of the run."""
     sol = pc.simulate(
-        pc.load("planar_pendulum"), (t0, t0 + 1.0), v0=[2.0], rtol=tol, atol=1e-2 * tol, backend=backend,
+        pc.load("planar_pendulum"), (t0, t0 + 1.0), v0=[2.0], rtol=tol, atol=1e-2 * tol,
         forces=[lambda t, q, v: [0.1 * np.sin(t - t0)]],
     )  # fmt: skip
     right = pc.simulate(
@@ -624,40 +599,24 @@ def test_the_largest_step_holds_for_the_first_and_for_the_check(method):
     assert sol.check().ok
 
 
-@needs_both
 @pytest.mark.parametrize(("method", "tol"), [("BDF", 1e-8), ("Radau", 1e-8)])
 @pytest.mark.parametrize("start", [0.0, 1e6, -1e6, 2.0**20 - 0.5, 1e7])
-def test_a_run_far_from_time_zero_is_as_accurate(start, method, tol, backend):
+def test_a_run_far_from_time_zero_is_as_accurate(start, method, tol):
     """A block on a spring, x = x₀ cos ωt: times that round equal steps alike made 12 tolerances at 1e6, 110 at 1e7."""
     mass, stiffness, x0 = 2.0, 2e4, 0.05
     spring = pc.JointSpring("slide", stiffness)
     sol = pc.simulate(
         scenes.slider(mass), (start, start + 1.0), {"slide": x0}, forces=[spring], method=method, rtol=tol, atol=tol,
-        backend=backend,
     )  # fmt: skip
     exact = x0 * np.cos(np.sqrt(stiffness / mass) * (sol.t - start))
     assert np.abs(sol.q[:, 0] - exact).max() < 2.0 * (1.0 + x0) * tol + 5.0 * np.spacing(abs(start))
 
 
-CROSSING = 2.0**20 - 1e-3
-
-
-@pytest.mark.parametrize("t", [3e-5, 1.0, 86400.0, 1e6, -1e6, CROSSING])
+@pytest.mark.parametrize("t", [1.0, 86400.0, 1e6, -1e6])
 def test_times_of_equal_steps_are_exact(t):
-    rng = np.random.default_rng(0)
-    for h in np.exp(rng.uniform(np.log(1e-5), np.log(1e-2), 20)) * rng.choice([-1.0, 1.0], 20):
-        step, at, least = representable(t, h), Fraction(t), 16 * np.spacing(max(abs(t), abs(h)))
-        assert abs(step - h) <= 2.0 * np.spacing(2.0 * abs(t) + abs(h))
-        rounded = 0
-        exact = abs(t) > 100.0 * abs(h) and np.spacing(abs(t)) > DRIFT * abs(h) > DRIFT * least
-        for _ in range(100) if exact else ():
-            following = Fraction(float(at) + step)
-            rounded += following != at + Fraction(step)
-            at = following
-        assert rounded <= (t == CROSSING)  # once, where the spacing doubles
-
-
-def test_steps_near_time_zero_are_as_the_control_wants_them():
-    for t, h in ((0.0, 1e-7), (1.0, 1.2345e-4), (-100.0, -3.3e-3)):
-        assert representable(t, h) == h
-    assert representable(1e6, 1.2345e-4) != 1.2345e-4
+    """Far from t = 0, where all steps of one length would be rounded alike; the last steps are fitted to the end."""
+    mech = pc.load("planar_pendulum")
+    sol = pc.simulate(mech, (t, t + 2.0), rtol=1e-9, atol=1e-9, method="BDF")
+    steps, times = sol.h[:-2], [Fraction(float(at)) for at in sol.t[:-2]]
+    off = [after - before != Fraction(float(h)) for before, after, h in zip(times, times[1:], steps, strict=False)]
+    assert len(off) > 300 and (np.mean(off) < 0.02 or abs(t) == 1.0)

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from helpers.extras import skips_missing_extras
-from helpers.gradients import SCENES, bricard, crank_rocker, hits, two_balls
-from helpers.twin import needs_twin
+from helpers.gradients import SCENES, crank_rocker, hits
 
 import pinconsist as pc
 from benchmarks.gradient_reference import differences
@@ -36,16 +35,14 @@ def both(mech, theta, until, v0, seed=0, **options):
     return back.gradient, exact
 
 
-@needs_twin
 @pytest.mark.parametrize("method", ["BDF", "Radau"])
 @pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.__name__)
 def test_back_is_forwards(scene, method):
     mech, names, until, v0 = scene()
-    back, exact = both(mech, names, until, v0, rtol=1e-7, atol=1e-7, backend="compiled", method=method)
+    back, exact = both(mech, names, until, v0, rtol=1e-7, atol=1e-7, method=method)
     np.testing.assert_allclose(back, exact, rtol=1e-10, atol=1e-11 * np.abs(exact).max())
 
 
-@needs_twin
 def test_back_is_forwards_on_a_real_robot_that_floats():
     """Rounding of its matrices, with near-massless links, leaves 1e-8."""
     with skips_missing_extras():
@@ -56,16 +53,7 @@ def test_back_is_forwards_on_a_real_robot_that_floats():
 
 
 @pytest.mark.parametrize("method", ["BDF", "Radau"])
-@pytest.mark.parametrize("scene", [crank_rocker, two_balls], ids=lambda scene: scene.__name__)
-def test_back_is_forwards_in_python(scene, method):
-    mech, names, _, v0 = scene()
-    back, exact = both(mech, names[:2], 0.05, v0, rtol=1e-4, atol=1e-4, backend="python", method=method)
-    np.testing.assert_allclose(back, exact, rtol=1e-10)
-
-
-@pytest.mark.parametrize("method", ["BDF", "Radau"])
-@pytest.mark.parametrize("backend", ["python", pytest.param("compiled", marks=needs_twin)])
-def test_back_is_forwards_for_the_values_of_a_table(backend, method):
+def test_back_is_forwards_for_the_values_of_a_table(method):
     """And both are what runs with other values say; one of them acts after the end, one before the start."""
     times, values, until, v0 = (
         [-0.02, -0.01, 0.02, 0.035, 0.06, 0.1],
@@ -79,7 +67,7 @@ def test_back_is_forwards_for_the_values_of_a_table(backend, method):
         .with_control({"motor": (times, values)})
     )
     names = [f"motor.control.values[{i}]" for i in range(6)] + ["gravity[2]", "inertia:coupler[yy]"]
-    run = {"rtol": 1e-7, "atol": 1e-9, "method": method, "backend": backend}
+    run = {"rtol": 1e-7, "atol": 1e-9, "method": method}
     back, exact = both(mech, names, until, v0, **run)
     np.testing.assert_allclose(back, exact, rtol=1e-10, atol=1e-12 * np.abs(exact).max())
     end = (lambda t, q, v, lam: q[2]), (lambda t, q, v, lam: (np.eye(3)[2], 0.0, 0.0))
@@ -93,8 +81,7 @@ def test_back_is_forwards_for_the_values_of_a_table(backend, method):
         assert found[i] == pytest.approx(ends[0] - ends[1], rel=1e-4)
 
 
-@pytest.mark.parametrize("backend", ["python", pytest.param("compiled", marks=needs_twin)])
-def test_values_of_a_table_are_one_group_in_any_order(backend, monkeypatch):
+def test_values_of_a_table_are_one_group_in_any_order(monkeypatch):
     """Among others, twice, and one by one they have the same derivatives; names are looked up once for all."""
     looked, plain = [], prepare.parameter
     monkeypatch.setattr(prepare, "parameter", lambda mech, name: looked.append(name) or plain(mech, name))
@@ -104,7 +91,7 @@ def test_values_of_a_table_are_one_group_in_any_order(backend, monkeypatch):
 
     def found(names):
         end = (lambda t, q, v, lam: v[2]), (lambda t, q, v, lam: (0.0, np.eye(3)[2], 0.0))
-        run = {"v0": {"crank": 6.0}, "rtol": 1e-4, "atol": 1e-6, "method": "Radau", "backend": backend}
+        run = {"v0": {"crank": 6.0}, "rtol": 1e-4, "atol": 1e-6, "method": "Radau"}
         return pc.gradient(mech, names, (0.0, 0.02), terminal=end, **run).gradient
 
     table = [f"motor.control.values[{i}]" for i in range(40)]
@@ -118,12 +105,11 @@ def test_values_of_a_table_are_one_group_in_any_order(backend, monkeypatch):
 
 
 @pytest.mark.parametrize("method", ["BDF", "Radau"])
-@pytest.mark.parametrize("backend", ["python", pytest.param("compiled", marks=needs_twin)])
-def test_trees_without_loops(backend, method):
+def test_trees_without_loops(method):
     """Back is forwards, and forwards is what reference runs say."""
     mech, names = pc.load("double_pendulum"), ["mass:lower", "length:lower", "upper", "upper_speed"]
     times, v0 = np.linspace(0.0, 0.1, 3), {"upper": 1.0}
-    run = {"rtol": 1e-5, "atol": 1e-7, "method": method, "backend": backend}
+    run = {"rtol": 1e-5, "atol": 1e-7, "method": method}
     back, exact = both(mech, names, 0.1, v0, **run)
     np.testing.assert_allclose(back, exact, rtol=1e-10)
     found = pc.sensitivities(mech, names, (0.0, 0.1), None, v0, t_eval=times, **run)
@@ -131,7 +117,6 @@ def test_trees_without_loops(backend, method):
         assert np.abs(ours - theirs).max() < 1e-4 * np.abs(theirs).max()
 
 
-@needs_twin
 @pytest.mark.parametrize("method", ["BDF", "Radau"])
 def test_back_through_events(method):
     mech, _, _, v0 = crank_rocker()
@@ -140,26 +125,6 @@ def test_back_through_events(method):
     np.testing.assert_allclose(back, exact, rtol=1e-7)  # differences of states at the event
 
 
-@needs_twin
-def test_python_and_compiled_go_the_same_way():
-    from pinconsist._core.compiled_gradient import CompiledFollower
-    from pinconsist.gradients.forward import follow_back
-    from pinconsist.gradients.prepare import prepared
-
-    for scene, until in ((crank_rocker, 0.05), (two_balls, 0.2), (bricard, 0.8)):
-        mech, names, _, v0 = scene()
-        run = prepared(mech, names, (0.0, until), None, v0, None, None, (), None, 1e-4, 1e-4, "compiled", {})
-        _, (leg, *_), variants, base, *_ = run
-        seeds = np.random.default_rng(1).normal(size=(1 + len(leg.t), *leg.start.Z.shape))
-        seeds[1:, 1:] = 0.0
-        residuals, ours, theirs = variants.residuals(leg.system), seeds.copy(), seeds.copy()
-        rates = follow_back(leg, residuals, ours)
-        others = CompiledFollower(base.index1(leg.system), residuals).backward(leg, theirs)
-        np.testing.assert_allclose(rates, others, atol=1e-6 * np.abs(rates).max())
-        np.testing.assert_allclose(ours, theirs, atol=1e-6 * np.abs(ours).max())
-
-
-@needs_twin
 def test_a_number_of_the_end_against_differences():
     mech, v0 = pc.load("crank_rocker"), {"crank": 12.0}
     found = pc.gradient(
@@ -176,7 +141,6 @@ def test_a_number_of_the_end_against_differences():
     assert found.gradient[0] == pytest.approx(exact, rel=1e-6) and found.value == pytest.approx(value(1.4), rel=1e-6)
 
 
-@needs_twin
 @pytest.mark.parametrize("method", ["BDF", "Radau"])
 def test_a_number_of_the_end_behind_jumps(method):
     """No row lies before them."""
@@ -202,7 +166,6 @@ def test_refusals():
         pc.gradient(mech, ["mass:coupler"], span, terminal=lambda t, q, v, lam: q[7])
 
 
-@needs_twin
 @pytest.mark.slow
 def test_a_run_that_begins_with_tiny_steps():
     """A long chain in free fall, whose first steps are too short for stages to be iterated to rounding."""

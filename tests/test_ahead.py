@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 import pinconsist as pc
-from pinconsist._core import compiled, load
+from pinconsist._core.steppers import Stepper
 from pinconsist.dae.events import reads_multipliers
 from pinconsist.dae.tuning import LOOKS, LOOKS_OF_BDF
-
-pytestmark = pytest.mark.skipif(load()[0] is None, reason="no compiled part")
 
 START = {"v0": {"crank": 12.0}}
 RUN = ("crank_rocker", (0.0, 0.4))
@@ -19,7 +17,7 @@ RUN = ("crank_rocker", (0.0, 0.4))
 def run(options, ahead=True, monkeypatch=None):
     """A run, with steps made one at a time unless `ahead`."""
     if not ahead:
-        monkeypatch.setattr(compiled.CompiledStepper, "batch", 1)
+        monkeypatch.setattr(Stepper, "batch", 1)
     return pc.simulate(pc.load(RUN[0]), RUN[1], **START, **options)
 
 
@@ -50,8 +48,8 @@ class Progress:
     ids=["callback", "progress", "event", "t_eval and dense"],
 )
 def test_the_compiled_loop_is_left_rarely(monkeypatch, options):
-    calls, steps = [], compiled.CompiledStepper.steps
-    monkeypatch.setattr(compiled.CompiledStepper, "steps", lambda *args: calls.append(1) or steps(*args))
+    calls, steps = [], Stepper.steps
+    monkeypatch.setattr(Stepper, "steps", lambda *args: calls.append(1) or steps(*args))
     sol = run(options)
     assert sol.success and sol.nsteps > 150 and len(calls) < 25
 
@@ -163,7 +161,7 @@ def test_backwards_events_are_those_of_the_steps_looked_at_one_by_one(monkeypatc
     mech, start = pc.load("four_bar"), (there.q[-1], there.v[-1])
     options = {"events": [turned(0.4), turned(0.1, apply=lambda t, q, v: 0.9 * v)], "dense_output": True}
     many = pc.integrate(mech, (1.0, 0.0), *start, **options)
-    monkeypatch.setattr(compiled.CompiledStepper, "batch", 1)
+    monkeypatch.setattr(Stepper, "batch", 1)
     one = pc.integrate(mech, (1.0, 0.0), *start, **options)
     for found, expected in zip(many.t_events, one.t_events, strict=True):
         np.testing.assert_array_equal(found, expected)
@@ -194,8 +192,7 @@ def test_a_force_of_the_users_finds_each_step_seen(monkeypatch, method, seen_by)
 
     def run(one_by_one):
         if one_by_one:
-            monkeypatch.setattr(compiled.CompiledStepper, "batch", 1)
-            monkeypatch.setattr(compiled.CompiledRadauStepper, "batch", 1)
+            monkeypatch.setattr(Stepper, "batch", 1)
         last, calls = [0.0], []
 
         def note(t, q, v, lam):
@@ -207,9 +204,9 @@ def test_a_force_of_the_users_finds_each_step_seen(monkeypatch, method, seen_by)
             "event": {"events": note},
             "both": {"events": turned(-0.3, terminal=True), "callback": lambda t, *state: note(t, *state) > 2.0},
         }[seen_by]
-        steps = compiled.CompiledStepper.steps
+        steps = Stepper.steps
         with monkeypatch.context() as patched:
-            patched.setattr(compiled.CompiledStepper, "steps", lambda *args: calls.append(1) or steps(*args))
+            patched.setattr(Stepper, "steps", lambda *args: calls.append(1) or steps(*args))
             torque = pc.Torque(lambda t, q, v: np.array([last[0], 0.0, 0.0]))
             sol = pc.simulate(pc.load(RUN[0]), (0.0, 0.2), **START, method=method, forces=[torque], **options)
         return sol, len(calls)

@@ -304,13 +304,12 @@ LATE = {  # function, what it returns later: message
 
 
 @pytest.mark.parametrize("options", [{"step": 0.01}, {"max_step": 0.05}], ids=str)  # else its start looks far ahead
-@pytest.mark.parametrize("backend", ["auto", "python"])
 @pytest.mark.parametrize("case", LATE)
-def test_a_general_problem_whose_function_changes_its_mind(case, backend, options):
+def test_a_general_problem_whose_function_changes_its_mind(case, options):
     """Such a run keeps what it reached, with the reason; numpy would broadcast, or raise an error of its own."""
     name, wrong, message = LATE[case]
     problem = pc.HessenbergProblem(**(PENDULUM | late(name, wrong, since=0.5)))
-    sol = pc.integrate(problem, (0.0, 1.0), P0, V0, backend=backend, **options)
+    sol = pc.integrate(problem, (0.0, 1.0), P0, V0, **options)
     assert sol.status == -1 and 0.1 < sol.t[-1] <= 0.5 and re.search(message, sol.message), sol.message
 
 

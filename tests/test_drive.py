@@ -185,17 +185,15 @@ def on_a_rail(curve):
     return pc.Mechanism(model, [pc.Drive("motor", "rail", curve)])
 
 
-@pytest.mark.parametrize("backend", ["auto", "python"])
-def test_a_drive_that_jumps_within_the_start_is_not_followed(backend):
+def test_a_drive_that_jumps_within_the_start_is_not_followed():
     """At rest until it jumps: the first steps could have reached beyond it."""
-    sol = pc.simulate(on_a_rail(lambda t: 0.1 * (t > 0.1)), (0.0, 0.2), rtol=1e-3, backend=backend, max_steps=2000)
+    sol = pc.simulate(on_a_rail(lambda t: 0.1 * (t > 0.1)), (0.0, 0.2), rtol=1e-3, max_steps=2000)
     assert not sol.success and np.abs(sol.q).max() < 1e-6 and 0.09 < sol.t[-1] < 0.1 + 1e-9, sol.message
 
 
-@pytest.mark.parametrize("backend", ["auto", "python"])
-def test_a_drive_that_jumps_at_the_start_is_named(backend):
+def test_a_drive_that_jumps_at_the_start_is_named():
     """Differences over 3 ms would see the jump from the start on; the run goes as far as the curve does."""
     for method in ("BDF", "Radau"):
-        sol = pc.simulate(on_a_rail(lambda t: 0.1 * (t > 3e-3)), (0.0, 0.2), backend=backend, method=method)
+        sol = pc.simulate(on_a_rail(lambda t: 0.1 * (t > 3e-3)), (0.0, 0.2), method=method)
         assert not sol.success and sol.t[-1] == pytest.approx(3e-3)
         assert "cannot continue at t = 0.003: loop 'motor' row motor jumps there, by 0.1" in sol.message

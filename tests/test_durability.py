@@ -84,7 +84,6 @@ CASES = {
     "rotations": ("delta_robot", (0.0, 0.4), 0.1, {}),
     "asked times": ("four_bar", (0.0, 2.0), 0.5, {"t_eval": np.linspace(0.0, 2.0, 9)}),
     "few times": ("four_bar", (0.0, 2.0), 0.5, {"t_eval": [0.1, 1.9]}),
-    "python": ("four_bar", (0.0, 2.0), 0.5, {"backend": "python"}),
     "steps": ("four_bar", (0.0, 2.0), 0.5, {"max_steps": 700, "first_step": 1e-4}),
 }
 
@@ -108,8 +107,7 @@ def test_kill_9_again_and_again_and_the_numbers_are_the_same(tmp_path):
     arguments = ("four_bar", "--until", 20, "--with-velocity", "crank=3", "--save-every", 1)
     whole, cut = tmp_path / "whole.npz", tmp_path / "cut.npz"
     pc.record("four_bar", (0.0, 20.0), whole, v0={"crank": 3.0}, save_every=1.0)
-    command, found = [*PROGRAM, "simulate", *map(str, arguments), "--backend", "python", "--out", str(cut)], []
-    command = [each for each in command if each not in ("--backend", "python")]
+    command, found = [*PROGRAM, "simulate", *map(str, arguments), "--out", str(cut)], []
     for _ in range(2):
         before = cut.stat().st_mtime_ns if cut.exists() else 0
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL)

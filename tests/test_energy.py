@@ -194,13 +194,12 @@ def test_rest_where_the_weights_cancel_is_no_alarm():
     assert np.abs(sol.energy().total).max() < 2.0 and sol.energy().balance_error < 1e-6 and not sol.check().concerns
 
 
-@pytest.mark.parametrize("backend", ["auto", "python"])
-def test_rows_that_are_too_few_for_the_work_of_forces_are_no_alarm(backend):
+def test_rows_that_are_too_few_for_the_work_of_forces_are_no_alarm():
     """Six rows of a run that is right; one with steps that are too long is still named."""
     mech = pc.load("four_bar").add_forces(pc.JointDamping({"crank": 0.5}))
-    few = pc.simulate(mech, (0.0, 2.0), t_eval=np.linspace(0.0, 2.0, 6), backend=backend).check(error=False)
+    few = pc.simulate(mech, (0.0, 2.0), t_eval=np.linspace(0.0, 2.0, 6)).check(error=False)
     assert few.energy_error > 0.01 and few.ok and "too few" in str(few) and "balanced" not in few.verdict
-    wrong = pc.simulate(mech, (0.0, 2.0), step=0.05, max_order=1, backend=backend).check(error=False)
+    wrong = pc.simulate(mech, (0.0, 2.0), step=0.05, max_order=1).check(error=False)
     assert not wrong.ok and "energy balance" in " ".join(wrong.concerns)
 
 

@@ -4,10 +4,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from helpers import scenes
-from helpers.twin import needs_both
 
 import pinconsist as pc
-from pinconsist.dae import events
 
 G = 9.81
 FIXED_AND_ADAPTIVE = [{}, {"step": 0.013}, {"rtol": 1e-4, "atol": 1e-4}, {"step": 0.01, "max_order": 2}]
@@ -188,53 +186,6 @@ def test_impacts_in_close_succession_are_all_found(method, end):
     np.testing.assert_allclose(sol.lam[:-1][np.diff(sol.t) == 0.0][:, 0], -(speeds**2), rtol=1e-5)
     if method == "Radau":  # it goes on with the step that it had
         assert sol.nsteps <= len(times) + 20
-
-
-@pytest.mark.parametrize("multipliers", [False, True])
-def test_both_backends_look_at_the_same_states_and_find_the_same_events(multipliers):
-    """At the looks into a step, and at the impact that is located between two of them."""
-    mech, sols, looks = pc.load("four_bar"), [], []
-    level = np.median(pc.simulate(mech, (0.0, 0.5)).lam[:, 0])
-    for backend in ("auto", "python"):
-        seen = []
-
-        def g(t, q, v, lam, seen=seen):
-            seen.append((t, *q, *v, *lam))
-            return lam[0] - level
-
-        def h(t, q, v, lam, seen=seen):
-            seen.append((t, *q, *v))
-            return np.sin(20.0 * q[0])
-
-        event = pc.Event(g if multipliers else h, apply=lambda t, q, v: 0.9 * v)
-        options = {"events": event, "method": "Radau", "max_order": 5, "step": 0.05, "backend": backend}
-        sols.append(pc.simulate(mech, (0.0, 0.5), **options))
-        looks.append(np.array(seen))
-    assert len(sols[0].t_events[0]) > 0
-    np.testing.assert_allclose(*(sol.t_events[0] for sol in sols), rtol=1e-10)
-    np.testing.assert_allclose(*(sol.lam for sol in sols), rtol=1e-8, atol=1e-8)
-    fewer, more = sorted(looks, key=len)
-    assert len(more) <= len(fewer) + 2  # the last try to locate an event hangs on rounding
-    apart = np.abs(fewer[:, None] - more).max(axis=2) / (1.0 + np.abs(fewer).max(axis=1)[:, None])
-    assert apart.min(axis=1).max() < 1e-7
-
-
-def test_zeros_are_found_in_few_tries():
-    for g, zero in [
-        (lambda t: t**3 - 0.2, 0.2 ** (1 / 3)),
-        (lambda t: np.expm1(30 * (t - 0.7)), 0.7),
-        (lambda t: (t - 0.3) ** 9, 0.3),
-        (lambda t: 1.0 if t > 1 / 3 else -1.0, 1 / 3),
-        (lambda t: np.cbrt(t - 0.9), 0.9),
-    ]:
-        tries = []
-
-        def counted(t, g=g, tries=tries):
-            tries.append(t)
-            return g(t)
-
-        found, value = events.zero(counted, 0.0, g(0.0), 1.0, g(1.0), 1e-15)
-        assert abs(found - zero) < 2e-15 and value == g(found) and len(tries) <= 75
 
 
 def test_an_event_at_the_start_is_not_found_but_the_next_one_is():
@@ -486,16 +437,14 @@ def test_what_a_users_function_raises_on_the_way_is_told_and_loses_nothing(whose
 
 
 @pytest.mark.parametrize("power", [3, 9])
-@pytest.mark.parametrize("backend", ["auto", "python"])
-def test_a_zero_of_higher_order_is_located(power, backend):
+def test_a_zero_of_higher_order_is_located(power):
     """The secants of Brent's method are no help at such a zero; halving is."""
     event = pc.Event(lambda t, q, v, lam: (t - 0.5) ** power, terminal=True, name="flat")
-    sol = pc.simulate(pc.load("four_bar"), (0.0, 1.0), events=event, backend=backend)
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 1.0), events=event)
     assert sol.status == 1 and abs(sol.t[-1] - 0.5) < 1e-12
 
 
-@pytest.mark.parametrize("backend", ["auto", "python"])
-def test_a_callback_cannot_change_the_solution(backend):
+def test_a_callback_cannot_change_the_solution():
     seen = []
 
     def change(t, q, v, lam):
@@ -504,17 +453,16 @@ def test_a_callback_cannot_change_the_solution(backend):
             with pytest.raises(ValueError, match="read-only"):
                 array[:] = 0.0
 
-    sol = pc.simulate(pc.load("four_bar"), (0.0, 0.2), callback=change, backend=backend)
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 0.2), callback=change)
     assert sol.success and len(seen) == 3 * len(sol.t)
     np.testing.assert_array_equal(seen[-3], sol.q[-1])
 
 
-@needs_both
 @pytest.mark.parametrize("method", ["Radau", "BDF"])
 @pytest.mark.parametrize("late", [1e-14, 1e-12])
-def test_an_event_just_after_the_start_of_a_step(method, backend, late):
+def test_an_event_just_after_the_start_of_a_step(method, late):
     """No step can be made up to there."""
-    mech, options = pc.load("crank_rocker"), {"method": method, "backend": backend}
+    mech, options = pc.load("crank_rocker"), {"method": method}
     sol = pc.simulate(mech, (0.0, 0.1), events=lambda t, q, v, lam: t - late, **options)
     assert sol.success and len(sol.t_events[0]) == 1 and abs(sol.t_events[0][0] - late) < 1e-11
     sim = pc.Simulation(mech, events=lambda t, q, v, lam: t - 0.8, **options)
@@ -523,23 +471,21 @@ def test_an_event_just_after_the_start_of_a_step(method, backend, late):
     assert np.abs(np.array(sim.events[0]) - 0.8).max() < 1e-15 and len(sim.events[0]) == 1
 
 
-@needs_both
 @pytest.mark.parametrize("method", ["Radau", "BDF"])
-def test_infinite_values_have_a_sign(method, backend):
+def test_infinite_values_have_a_sign(method):
     jump = pc.Event(lambda t, q, v, lam: np.inf if t > 0.05 else -np.inf)
-    sol = pc.simulate(pc.load("crank_rocker"), (0.0, 0.1), method=method, backend=backend, events=jump)
+    sol = pc.simulate(pc.load("crank_rocker"), (0.0, 0.1), method=method, events=jump)
     assert len(sol.t_events[0]) == 1 and abs(sol.t_events[0][0] - 0.05) < 1e-7
 
 
-@needs_both
 @pytest.mark.parametrize("method", ["Radau", "BDF"])
 @pytest.mark.parametrize("force", [
     pc.HeldTorque([0.0, 0.1], [0.0, 60.0], "crank"), pc.Piecewise({"crank": lambda t: 60.0 * (t > 0.1)}, times=[0.1]),
     pc.Sampled(0.05, lambda t, q, v: [60.0 * (t > 0.08)], "crank"),
 ], ids=lambda force: type(force).__name__)  # fmt: skip
-def test_multipliers_that_jump_past_zero(method, backend, force):
+def test_multipliers_that_jump_past_zero(method, force):
     """They jump from 19 to 105 N; the event was found only where they fell again."""
-    mech, run = pc.load("crank_rocker"), {"method": method, "backend": backend, "forces": [force]}
+    mech, run = pc.load("crank_rocker"), {"method": method, "forces": [force]}
     overload = pc.Event(lambda t, q, v, lam: lam[0] - 50.0, terminal=True, name="overload")
     sol = pc.simulate(mech, (0.0, 0.15), events=overload, **run)
     assert sol.message == "stopped by the event overload at t = 0.1"
@@ -560,39 +506,37 @@ def test_impossible_events_are_refused_before_the_run(fields, words):
         pc.Event(**{"function": lambda t, q, v, lam: t} | fields)
 
 
-def _kicked(apply, method, backend, **options):
+def _kicked(apply, method, **options):
     """The velocities of four_bar before and after an event at 0.3 s."""
     event = pc.Event(lambda t, q, v, lam: t - 0.3, apply=apply, name="kick")
-    run = {"v0": {"crank": 3.0}, "events": event, "method": method, "backend": backend}
+    run = {"v0": {"crank": 3.0}, "events": event, "method": method}
     sol = pc.simulate(pc.load("four_bar"), (0.0, 0.5), **run, **options)
     assert sol.success, sol.message
     jump = int(np.flatnonzero(np.diff(sol.t) == 0.0)[0])
     return sol.v[jump], sol.v[jump + 1]
 
 
-@needs_both
 @pytest.mark.parametrize("method", ["Radau", "BDF"])
 @pytest.mark.parametrize("options", [{}, {"step": 0.01}])
-def test_a_joint_keeps_the_velocity_that_apply_gives_it_by_name(method, backend, options):
+def test_a_joint_keeps_the_velocity_that_apply_gives_it_by_name(method, options):
     """A linkage of one degree of freedom: all velocities are multiplied alike."""
     for apply in (lambda t, q, v: {"crank": -0.5 * v[0]}, lambda t, q, v: (q, {"rocker": -0.5 * v[2]})):
-        before, after = _kicked(apply, method, backend, **options)
+        before, after = _kicked(apply, method, **options)
         np.testing.assert_allclose(after, -0.5 * before, rtol=1e-6)
 
 
-@needs_both
-def test_a_velocity_that_the_projection_changes_is_told_once(backend):
+def test_a_velocity_that_the_projection_changes_is_told_once():
     def reverse(t, q, v):
         v[0] *= -0.5
         return v
 
     with pytest.warns(UserWarning, match="kick.*velocity of crank to .* mapping"):
-        before, after = _kicked(reverse, "Radau", backend)
+        before, after = _kicked(reverse, "Radau")
     assert not np.allclose(after[0], -0.5 * before[0], rtol=0.1)
-    assert _kicked(lambda t, q, v: -0.5 * v, "Radau", backend)  # warnings are errors here
+    assert _kicked(lambda t, q, v: -0.5 * v, "Radau")  # warnings are errors here
     marks = pc.Event(lambda t, q, v, lam: np.sin(40.0 * t), apply=reverse, name="marks")
     with pytest.warns(UserWarning) as told:
-        pc.simulate(pc.load("four_bar"), (0.0, 0.5), v0={"crank": 3.0}, events=marks, backend=backend)
+        pc.simulate(pc.load("four_bar"), (0.0, 0.5), v0={"crank": 3.0}, events=marks)
     assert len(told) == 1
 
 

@@ -10,7 +10,6 @@ import pytest
 from helpers.bodies import differences, frame_pose, mixed_tree, random_state
 from helpers.forces import FORCES, law, law_gradient
 from helpers.scenes import slider
-from helpers.twin import needs_both
 from scipy.interpolate import CubicSpline
 
 import pinconsist as pc
@@ -173,14 +172,13 @@ def test_a_block_held_by_friction_creeps_little(suffix, text, method, tmp_path):
     assert 1.0e-4 < sol.q[-1, 0] < 1.2e-4
 
 
-@needs_both
 @pytest.mark.parametrize("width", [1e-5, 1e-6])
-def test_radau_resolves_friction_below_its_tolerances(backend, width):
+def test_radau_resolves_friction_below_its_tolerances(width):
     """A block that friction stops and holds at 80 %: Radau ended, or took 446 to 20,000 steps, now 28 and 30."""
     mech = slider(1.0).add_forces(pc.JointFriction({"slide": 10.0}, width))
     sol = pc.simulate(
         mech, (0.0, 10.0), v0={"slide": 1.0}, forces=[{"slide": 8.0}], rtol=1e-3, atol=1e-6, method="Radau",
-        max_steps=200, backend=backend,
+        max_steps=200,
     )  # fmt: skip
     assert sol.success and sol.v[-1, 0] == pytest.approx(width * np.arctanh(0.8), rel=1e-2)
     assert sol.q[-1, 0] == pytest.approx(0.5 / 2.0, abs=1e-3 + 20 * width)

@@ -3,7 +3,6 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from helpers.twin import needs_both
 
 import pinconsist as pc
 
@@ -38,14 +37,13 @@ def of_speed(build, theta, events=None, span=(0.0, 1.0), **options):
 
 
 @METHODS
-@needs_both
-def test_a_force_without_derivatives(backend, method):
+def test_a_force_without_derivatives(method):
     """Newton's iteration does without ∂τ/∂q; the derivatives of a run were wrong by half without it."""
 
     def build(theta):
         return slider(lambda t, q, v: [theta[0] * np.sin(3.0 * q[0]) - theta[1] * v[0] ** 3])
 
-    options = {"method": method, "backend": backend, "rtol": 1e-8, "atol": 1e-9}
+    options = {"method": method, "rtol": 1e-8, "atol": 1e-9}
     forward, back, exact = of_speed(build, np.array([2.0, 0.4]), **options)
     np.testing.assert_allclose(forward, exact, rtol=1e-6)
     np.testing.assert_allclose(back, forward, rtol=1e-8)
@@ -132,11 +130,10 @@ OF_TIME = {  # of theta and t, in units of a torque
 }
 
 
-@needs_both
 @METHODS
 @pytest.mark.parametrize("span", [(0.0, 0.3), (0.3, 0.0)], ids=["forwards", "backwards"])
 @pytest.mark.parametrize("kind", OF_TIME)
-def test_fixed_times_at_which_functions_of_time_jump(kind, span, backend, method):
+def test_fixed_times_at_which_functions_of_time_jump(kind, span, method):
     """Steps end there; the last stage of a step, and a step of BDF, must not see what begins at their ends."""
     base = pc.load("four_bar")
 
@@ -147,7 +144,7 @@ def test_fixed_times_at_which_functions_of_time_jump(kind, span, backend, method
         return pc.simulate(build([x]), span, method="Radau", rtol=1e-12, atol=1e-13).q[-1]
 
     exact = (8.0 * (end(1.01) - end(0.99)) - end(1.02) + end(0.98)) / 0.12
-    options = {"method": method, "backend": backend}
+    options = {"method": method}
     found = pc.sensitivities(build, [1.0], span, **options).dq[-1, :, 0]
     back = pc.gradient(build, [1.0], span, terminal=lambda t, q, v, lam: q[0], **options).gradient
     np.testing.assert_allclose(found, exact, rtol=0, atol=1e-7 * np.abs(exact).max())

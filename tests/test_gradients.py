@@ -6,21 +6,17 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from helpers import scenes
 from helpers.extras import skips_missing_extras
-from helpers.gradients import SCENES, bricard, crank_rocker, hits, slider_crank, two_balls
-from helpers.twin import needs_twin
+from helpers.gradients import SCENES, bricard, crank_rocker, hits, slider_crank
 
 import pinconsist as pc
 from benchmarks.gradient_reference import SIX, differences, reference, worst
-from pinconsist._core.compiled_gradient import _known_rates
-from pinconsist.dae.consistency import EveryStep
+from pinconsist._core.gradients import _known_rates
 from pinconsist.dae.norms import EPS
-from pinconsist.gradients import forward, linear
 from pinconsist.gradients.forward import legs_of
 from pinconsist.gradients.prepare import prepared
 from pinconsist.gradients.starts import Start
@@ -29,7 +25,6 @@ TIGHT = {"rtol": 1e-8, "atol": 1e-8}
 ROBOTS = Path(__file__).resolve().parents[2] / "shared" / "robots"
 
 
-@needs_twin
 @pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.__name__)
 def test_motion_and_multipliers_against_differences_of_reference_runs(scene):
     mech, names, until, v0 = scene()
@@ -52,40 +47,6 @@ def test_motion_and_multipliers_against_differences_of_reference_runs(scene):
     assert sum(after) < 0.1 * sum(before) or scene is slider_crank  # where nothing is free to be integrated
 
 
-@pytest.mark.parametrize("scene", [crank_rocker, bricard, two_balls, slider_crank], ids=lambda scene: scene.__name__)
-@needs_twin
-def test_the_compiled_way_is_the_python_one(scene):
-    """Both along the same steps."""
-    mech, names, until, v0 = scene()
-    until = {bricard: 1.2, crank_rocker: 0.05}.get(scene, until)
-    loose = {"rtol": 1e-4, "atol": 1e-4}
-    found = pc.sensitivities(mech, names, (0.0, until), None, v0, **loose, backend="compiled")
-    first = found._legs[0]
-    plain = replace(first, tables=None)
-    assert len(plain.t) > 5 and any(changes is not None for changes in plain.changes)
-    ours = pc.sensitivities(mech, names, (0.0, until), None, v0, **loose, backend="python")
-    variants = _variants(mech, names, v0, first, found.steps)
-    forward.follow(plain, variants, first.tables[0])
-    size = np.abs(first.tables).max(axis=(0, 1, 2))
-    assert (np.abs(plain.tables - first.tables) / size).max() < 3e-5  # rounding over the step
-    for one, other in ((found.at(until), ours.at(until)),):
-        for a, b in zip(one, other, strict=True):  # of two runs with steps of their own
-            assert np.abs(a - b).max() < 0.02 * np.abs(a).max()
-
-
-def _variants(mech, names, v0, leg, steps):
-    """The residuals of the parameters of a leg, in Python."""
-    from pinconsist.gradients.prepare import _maker, named_start
-    from pinconsist.gradients.variants import variants_of
-
-    build, _, theta, q0, v0 = named_start(mech, names, None, v0)
-    make = _maker(build, 0.0, leg.system.breakpoints, q0, v0, (), None, "python")
-    state = leg.start(leg.start.t_old)[:2]
-    variants = variants_of(make, theta, names, steps, make(theta), leg.system, 0.0, *state)
-    return variants.residuals(leg.system)
-
-
-@needs_twin
 def test_a_real_robot_that_floats_with_sixteen_loops():
     """Some rows nearly depend on others: of their multipliers, 1e7, the joint forces Jᵀ dλ have a meaning."""
     with skips_missing_extras():
@@ -105,7 +66,6 @@ def test_a_real_robot_that_floats_with_sixteen_loops():
             assert dq < 5e-7 and dv < 5e-7 and df < of_forces
 
 
-@needs_twin
 @pytest.mark.skipif(not ROBOTS.is_dir(), reason="the public robots are not beside the repository")
 @pytest.mark.parametrize("method", ["BDF", "Radau"])
 def test_robots_that_float_with_loops_of_whole_poses(method):
@@ -128,7 +88,6 @@ def test_robots_that_float_with_loops_of_whole_poses(method):
 STEPS = {1: (400, 800), 2: (100, 200), 3: (100, 200), 4: (100, 200), 5: (100, 200)}
 
 
-@needs_twin
 @pytest.mark.parametrize("k", STEPS)
 def test_order_of_the_multipliers_derivatives_at_fixed_steps(k):
     mech, names, _, v0 = crank_rocker()
@@ -137,83 +96,13 @@ def test_order_of_the_multipliers_derivatives_at_fixed_steps(k):
     exact = differences(mech, names, np.concatenate(([0.0], times)), None, v0)[2][1:]
     errors = []
     for n in STEPS[k]:
-        found = pc.sensitivities(
-            mech, names, (0.0, until), None, v0, t_eval=times, step=until / n, max_order=k, backend="compiled"
-        )
+        found = pc.sensitivities(mech, names, (0.0, until), None, v0, t_eval=times, step=until / n, max_order=k)
         errors.append(np.abs(found.dlam - exact).max() / np.abs(exact).max())
     order = np.log2(errors[0] / errors[1])
     assert k - 0.4 < order < k + 2, (order, errors)
 
 
 MODERATE = {"rtol": 1e-6, "atol": 1e-6}
-
-
-class WithoutHidden(linear.Step):
-    """What is left of the hidden constraint stays in the derivatives."""
-
-    def __init__(self, *arguments):
-        super().__init__(*arguments)
-        self.H, self.W = 0.0 * self.H, 0.0 * self.W
-
-    def residuals(self, index1):
-        all_of_them = super().residuals(index1)
-        all_of_them[self.size - len(self.W) :] = 0.0
-        return all_of_them
-
-
-class Flat(linear.Step):
-    """The charts are taken for vector spaces."""
-
-    def __init__(self, system, *arguments):
-        straight = SimpleNamespace(**{name: getattr(system, name) for name in dir(system) if name[0] != "_"})
-        straight.bracket = lambda v: np.zeros((system.nx, system.nx))
-        super().__init__(straight, *arguments)
-
-
-def error_of_python(monkeypatch, scene, Step, **options):
-    """Of dλ and dq, with other equations of a step."""
-    mech, names, until, v0 = scene()
-    until, names = 0.1 if scene is crank_rocker else 0.2, names[:1]
-    times = np.linspace(0.0, until, 4)
-    exact = differences(mech, names, times, None, v0)
-    monkeypatch.setattr(forward, "Step", Step)
-    found = pc.sensitivities(mech, names, (0.0, until), None, v0, t_eval=times, backend="python", **options)
-    dq, _, dlam = worst((found.dq, found.dv, found.dlam), exact)
-    return dq, dlam
-
-
-def test_without_the_hidden_residual_multipliers_lose_an_order(monkeypatch):
-    right, wrong = (
-        error_of_python(monkeypatch, crank_rocker, Step, **MODERATE) for Step in (linear.Step, WithoutHidden)
-    )
-    assert right[1] < 1e-4 and wrong[1] > 30 * right[1]
-
-
-def test_at_the_uncorrected_state_multipliers_lose_an_order(monkeypatch):
-    raw = {}
-
-    def correct(self, system, step):
-        v, lam = step.v.copy(), step.lam.copy()
-        original(self, system, step)
-        raw[step.t] = np.concatenate((v - step.v, lam - step.lam))
-
-    class Raw(linear.Step):
-        def __init__(self, system, t, h, k, base, Z):
-            Z = Z.copy()
-            Z[: k + 1, system.nx :] += raw[t]  # the newest value is in all differences
-            super().__init__(system, t, h, k, base, Z)
-
-    original = EveryStep.correct
-    right = error_of_python(monkeypatch, crank_rocker, linear.Step, **MODERATE)
-    monkeypatch.setattr(EveryStep, "correct", correct)
-    wrong = error_of_python(monkeypatch, crank_rocker, Raw, **MODERATE)
-    assert wrong[1] > 3 * right[1]
-
-
-def test_without_the_turning_of_charts_rotations_are_wrong(monkeypatch):
-    options = {"rtol": 1e-4, "atol": 1e-4}
-    right, wrong = (error_of_python(monkeypatch, two_balls, Step, **options) for Step in (linear.Step, Flat))
-    assert right[0] < 1e-4 and wrong[0] > 1e-2
 
 
 def residuals_of(system, t, p, v, a, lam):
@@ -230,27 +119,25 @@ KINDS = {
 
 
 @pytest.mark.parametrize("scene", KINDS)
-@pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=needs_twin)])
-def test_known_derivatives_of_the_equations_are_those_of_differences(scene, compiled):
+def test_known_derivatives_of_the_equations_are_those_of_differences(scene):
     """Of the torques of bodies, gravity and forces, from mechanisms with other numbers."""
     mech = scenes.spherical_chain() if scene == "spherical" else pc.load(scene)
     if scene == "crank_rocker":
         table = {"motor": ([0.1, 0.25, 0.4], [1.0, 2.0, -3.0])}
         mech = mech.add_forces(pc.JointSpring("crank", 0.5), pc.Actuator("motor", "crank")).with_control(table)
-    backend, rng = "compiled" if compiled else "python", np.random.default_rng(3)
-    run = prepared(mech, KINDS[scene], (0.0, 1e-3), None, None, None, None, (), None, 1e-5, 1e-5, backend, {})
+    rng = np.random.default_rng(3)
+    run = prepared(mech, KINDS[scene], (0.0, 1e-3), None, None, None, None, (), None, 1e-5, 1e-5, {})
     _, (leg, *_), variants, *_ = run
     system = leg.system
     p, (v, a) = system.integrate(leg.start(0.0)[0], 0.1 * rng.normal(size=system.nv)), rng.normal(size=(2, system.nv))
     lam = rng.normal(size=system.nc)
     nv, known = system.nv, variants.residuals(system)
-    columns = _known_rates(known).columns(0.3, p, v, a, len(known)).T if compiled else [None] * len(known)
+    columns = _known_rates(known).columns(0.3, p, v, a, len(known)).T
     for name, variant, terms, at_once in zip(KINDS[scene], variants, known, columns, strict=True):
         assert variant.parts
         beside = variant.derivative(lambda side: residuals_of(side.index1(system).system, 0.3, p, v, a, lam))
         ours = sum(weight * residuals_of(each.system, 0.3, p, v, a, lam) for weight, each in terms)
-        if compiled:
-            np.testing.assert_allclose(ours[:nv], at_once, atol=1e-9 * np.abs(at_once).max(), err_msg=name)
+        np.testing.assert_allclose(ours[:nv], at_once, atol=1e-9 * np.abs(at_once).max(), err_msg=name)
         assert np.abs(beside).max() > 1e-8, name
         rounding = 2.0 * EPS * np.abs(residuals_of(system, 0.3, p, v, a, lam)).max() / variant.step
         np.testing.assert_allclose(ours, beside, atol=2e-7 * np.abs(beside).max() + rounding, err_msg=name)
@@ -259,7 +146,7 @@ def test_known_derivatives_of_the_equations_are_those_of_differences(scene, comp
 def test_the_derivative_of_the_start_by_loops_is_that_of_assembled_states():
     mech, names = pc.load("crank_rocker"), ["anchor:rocker_ground.xyz2[0]", "length:coupler", "crank", "crank_speed"]
     start = {"crank": 0.7}
-    run = prepared(mech, names, (0.0, 1e-3), start, {"crank": 12.0}, None, None, (), None, 1e-5, 1e-5, "python", {})
+    run = prepared(mech, names, (0.0, 1e-3), start, {"crank": 12.0}, None, None, (), None, 1e-5, 1e-5, {})
     _, (leg, *_), variants, base, *_ = run
     by_loops = Start(base, leg.system)
     assert by_loops.implicit
@@ -269,7 +156,6 @@ def test_the_derivative_of_the_start_by_loops_is_that_of_assembled_states():
         np.testing.assert_allclose(ours, np.concatenate((q, v)), atol=1e-8 * (1.0 + np.abs(v).max()))
 
 
-@needs_twin
 def test_the_start_by_a_mass_where_loops_leave_velocities_free():
     """Joints that are not named move with least energy, which depends on masses; here from a guess with open loops."""
     mech = scenes.four_bar(floating=True)
@@ -282,7 +168,6 @@ def test_the_start_by_a_mass_where_loops_leave_velocities_free():
     np.testing.assert_allclose(found.dv[0], exact[1][0], atol=1e-8 * np.abs(exact[1]).max())
 
 
-@needs_twin
 def test_commands_of_the_run_act_in_its_derivatives():
     mech, options = pc.load("four_bar").add_forces(pc.Actuator("motor", "crank")), {"rtol": 1e-6, "atol": 1e-8}
     names, control = ["motor.gear", "mass:coupler"], {"motor": 5.0}
@@ -295,7 +180,6 @@ def test_commands_of_the_run_act_in_its_derivatives():
     np.testing.assert_allclose(built.dq[..., 0], exact[..., 0], atol=1e-7 * np.abs(exact).max())
 
 
-@needs_twin
 @pytest.mark.parametrize("method", ["BDF", "Radau"])
 def test_event_times_and_what_comes_after_a_jump(method):
     mech, _, _, v0 = crank_rocker()
@@ -326,7 +210,6 @@ def test_event_times_and_what_comes_after_a_jump(method):
             at += len(ours)
 
 
-@needs_twin
 @pytest.mark.parametrize("method", ["BDF", "Radau"])
 def test_rows_at_a_jump_and_between_steps(method):
     mech, names, _, v0 = crank_rocker()
@@ -342,7 +225,6 @@ def test_rows_at_a_jump_and_between_steps(method):
         found.at(0.3)
 
 
-@needs_twin
 def test_steps_of_differences_are_short_enough_at_the_end_of_the_run():
     """By the frequency of a curve, the longer it has run the more it bends."""
     mech, _, _, _ = slider_crank()
@@ -352,7 +234,6 @@ def test_steps_of_differences_are_short_enough_at_the_end_of_the_run():
     assert np.abs(found.dq[:, 0, 0] - exact).max() < 5e-9 * np.abs(exact).max()
 
 
-@needs_twin
 @pytest.mark.parametrize("method", ["BDF", "Radau"])
 def test_backwards_in_time(method):
     mech, names, _, v0 = crank_rocker()
@@ -362,7 +243,6 @@ def test_backwards_in_time(method):
     assert max(worst((found.dq, found.dv, found.dlam), exact)) < 1e-5
 
 
-@needs_twin
 def test_a_parameter_at_its_bound_is_moved_to_one_side():
     mech, v0 = pc.load("crank_rocker"), {"crank": 12.0}
     times = np.linspace(0.0, 0.1, 3)
@@ -409,7 +289,6 @@ def test_legs_begin_where_runs_begin():
     assert leg.span == (0.0, 0.05) and len(leg.t) == sol.nsteps - leg.start.k
 
 
-@needs_twin
 def test_at_the_end_of_python_nothing_is_left_over():
     """Users' functions see the derivatives of runs that have called them."""
     script = """

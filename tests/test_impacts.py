@@ -4,7 +4,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from helpers import scenes
-from helpers.twin import needs_both
 
 import pinconsist as pc
 
@@ -37,12 +36,11 @@ def impact_times(height, restitution, n):
     return first + np.append(0.0, np.cumsum(flights))
 
 
-@needs_both
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("restitution", "scale"), [(0.1, 1e6), (0.5, 1.0), (0.5, 1e-6), (0.8, 1.0)])
-def test_bounces_that_accumulate_end_the_run_and_none_falls_through(method, backend, restitution, scale):
+def test_bounces_that_accumulate_end_the_run_and_none_falls_through(method, restitution, scale):
     """It fell to -1,705 m, with success. Flights shrink to 0 at t1 (1 + e)/(1 - e)."""
-    sol = pc.simulate(balls(), (0.0, 20.0), [1.0], events=bounce(restitution, scale), method=method, backend=backend)
+    sol = pc.simulate(balls(), (0.0, 20.0), [1.0], events=bounce(restitution, scale), method=method)
     assert sol.status == -1 and "the event bounce accumulates at t = " in sol.message
     assert sol.q.min() > -1e-11
     times = sol.t_events[0]
@@ -70,12 +68,11 @@ def test_bounces_accumulate_on_a_moving_floor_backwards_and_in_a_simulation(meth
     assert sim.state.q[0] > -1e-11 and sim.state.t < 2.0
 
 
-@needs_both
 @pytest.mark.parametrize("method", METHODS)
-def test_balls_bounce_in_closed_form(method, backend):
+def test_balls_bounce_in_closed_form(method):
     events = [pc.Impact(f"z{i}", lower=0.0, restitution=e) for i, e in enumerate((0.9, 0.8, 0.95))]
     heights = 1.0, 0.7, 0.4
-    sol = pc.simulate(balls(3), (0.0, 3.0), list(heights), events=events, method=method, backend=backend)
+    sol = pc.simulate(balls(3), (0.0, 3.0), list(heights), events=events, method=method)
     assert sol.success and sol.q.min() > -1e-12
     for found, height, event in zip(sol.t_events, heights, events, strict=True):
         exact = impact_times(height, event.restitution, len(found) + 1)
@@ -83,25 +80,23 @@ def test_balls_bounce_in_closed_form(method, backend):
         assert exact[-1] > 3.0 and len(found) > 3
 
 
-@needs_both
 @pytest.mark.parametrize("method", METHODS)
-def test_a_pendulum_between_elastic_stops_is_periodic_and_keeps_its_energy(method, backend):
+def test_a_pendulum_between_elastic_stops_is_periodic_and_keeps_its_energy(method):
     stops = pc.Impact("hinge", lower=-0.3, upper=0.4, restitution=1.0)
-    run = {"method": method, "backend": backend, "rtol": 1e-10, "atol": 1e-12}
+    run = {"method": method, "rtol": 1e-10, "atol": 1e-12}
     sol = pc.simulate(pendulum(), (0.0, 10.0), v0={"hinge": 2.0}, events=stops, **run)
     assert len(sol.t_events[0]) == 25 and np.ptp(np.diff(sol.t_events[0][::2])) < 1e-8
     assert sol.q.max() < 0.4 + 1e-9 and sol.q.min() > -0.3 - 1e-9
     assert np.ptp(sol.energy().total) < 1e-8
 
 
-@needs_both
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("restitution", [1.0, 0.6, 0.0])
-def test_a_linkage_that_hits_a_stop_balances_its_momentum(method, backend, restitution):
+def test_a_linkage_that_hits_a_stop_balances_its_momentum(method, restitution):
     """M (v+ - v-) = n Λ + Jᵀ Λ_loops at the impact, n v+ = -e n v-, and the loops stay closed."""
     mech = pc.load("four_bar")
     stop = pc.Impact("rocker", lower=mech.guess[2] - 0.25, restitution=restitution)
-    run = {"v0": {"crank": 3.0}, "method": method, "backend": backend}
+    run = {"v0": {"crank": 3.0}, "method": method}
     sol = pc.simulate(mech, (0.0, 0.6), events=[stop], **run)
     assert len(sol.t_events[0]), sol.message
     row = int(np.flatnonzero(np.diff(sol.t) == 0.0)[0])
@@ -133,12 +128,11 @@ def test_a_frame_bounces_on_a_plane_and_impacts_are_undone_backwards(method):
     np.testing.assert_allclose((back.q[-1, 0], back.v[-1, 0]), (0.0, 2.0), atol=1e-7)
 
 
-@needs_both
 @pytest.mark.parametrize("method", METHODS)
-def test_what_rests_on_its_stop_ends_the_run_and_does_not_pass_it(method, backend):
+def test_what_rests_on_its_stop_ends_the_run_and_does_not_pass_it(method):
     for start in ({"q0": [0.0]}, {"q0": [0.5]}):
         floor = pc.Impact("z0", lower=0.0, restitution=0.0)
-        sol = pc.simulate(balls(), (0.0, 2.0), events=floor, method=method, backend=backend, **start)
+        sol = pc.simulate(balls(), (0.0, 2.0), events=floor, method=method, **start)
         assert sol.status == -1 and "z0 accumulates" in sol.message and sol.q.min() > -1e-11
 
 
@@ -222,10 +216,9 @@ def test_impacts_that_a_mechanism_cannot_have_are_refused():
     assert sol.status == -1 and "no impulse can change its velocity" in sol.message
 
 
-@needs_both
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("way", ["object", "with multipliers", "position too", "mapping"])
-def test_no_way_to_write_a_bounce_falls_through(way, method, backend):
+def test_no_way_to_write_a_bounce_falls_through(way, method):
     class Height:
         def __call__(self, t, q, v, lam):
             return q[0]
@@ -237,7 +230,7 @@ def test_no_way_to_write_a_bounce_falls_through(way, method, backend):
     }
     function = functions.get(way, lambda t, q, v, lam: q[0])
     event = pc.Event(function, apply=applies.get(way, lambda t, q, v: -0.5 * v), name="bounce")
-    sol = pc.simulate(balls(), (0.0, 20.0), [1.0], events=event, method=method, backend=backend)
+    sol = pc.simulate(balls(), (0.0, 20.0), [1.0], events=event, method=method)
     assert "bounce accumulates" in sol.message and sol.q.min() > -1e-11 and len(sol.t_events[0]) > 10
 
 

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 from helpers.joint_types import JOINTS, chain, of_pinocchio, state
-from helpers.twin import needs_both
 
 import pinconsist as pc
-from pinconsist._core.compiled_system import compiled_system
+from pinconsist._core.systems import compiled_system
 from pinconsist.analysis.variations import TangentSpace, closed_near
 from pinconsist.dae.index1 import Index1
 from pinconsist.mechanism.lie import difference, integrate
@@ -32,9 +31,8 @@ def test_no_type_is_left_out():
     assert tried == of_pinocchio() - {"JointModelMimic"}
 
 
-@needs_both
 @KINDS
-def test_matrices_of_the_equations(kind, backend):
+def test_matrices_of_the_equations(kind):
     """∂f/∂q and ∂f/∂v of inertia, weights, springs, dampers and wrenches."""
     mech = chain(kind)
     q, v = state(mech)
@@ -46,31 +44,24 @@ def test_matrices_of_the_equations(kind, backend):
     by_q = along(lambda xi: f(integrate(mech.model, q, xi), v), mech.nv)
     by_v = along(lambda dv: f(q, v + dv), mech.nv, 1.0)
     c = 0.3
-    if backend == "python":
-        M, f_v, f_q = system.matrices(0.0, q, v, a)
-        close_to(f_q, by_q, 1e-10)
-        close_to(f_v, by_v, 1e-10)
-    else:
-        twin = compiled_system(MechanismSystem(mech, q))
-        M = system.mass_matrix(q)
-        np.testing.assert_allclose(twin.evaluate(0.0, q, v, a)[0], f(q, v), rtol=0, atol=1e-11)
-        twin.evaluate(0.0, q, v, a)
-        close_to(twin.linearize(0.0, q, v, a, c), M + c * by_v + c * c * by_q, 1e-10)
+    M, f_v, f_q = system.matrices(0.0, q, v, a)
+    close_to(f_q, by_q, 1e-10)
+    close_to(f_v, by_v, 1e-10)
+    twin = compiled_system(MechanismSystem(mech, q))
+    np.testing.assert_allclose(twin.evaluate(0.0, q, v, a)[0], f(q, v), rtol=0, atol=1e-11)
+    twin.evaluate(0.0, q, v, a)
+    close_to(twin.linearize(0.0, q, v, a, c), M + c * by_v + c * c * by_q, 1e-10)
 
 
-@needs_both
 @KINDS
-def test_accelerations_of_loops(kind, backend):
+def test_accelerations_of_loops(kind):
     """J̇ v, against differences of J v along the motion."""
     mech = chain(kind)
     q, v = state(mech)
     system = MechanismSystem(mech, q)
     exact = first(lambda s: system.constraint(0.0, integrate(mech.model, q, s * v), v)[1].copy(), 2e-3)
-    if backend == "python":
-        found = system.acceleration_bias(0.0, q, v)
-    else:
-        found = compiled_system(system).dynamics(0.0, q, v)[3]
-    close_to(found, exact, 1e-9)
+    close_to(system.acceleration_bias(0.0, q, v), exact, 1e-9)
+    close_to(compiled_system(system).dynamics(0.0, q, v)[3], exact, 1e-9)
 
 
 def accelerations(mech, q, v):
@@ -148,17 +139,14 @@ def test_derivatives_of_driven_motions(kind):
 
 
 @pytest.mark.parametrize("method", ["BDF", "Radau"])
-@needs_both
 @KINDS
-def test_gradients_of_runs(kind, backend, method):
+def test_gradients_of_runs(kind, method):
     """Forwards and backwards, against differences of runs at a tight tolerance."""
-    if backend == "python" and kind not in ("universal", "ellipsoid", "composite with a ball"):
-        pytest.skip("the steps are the same, and slow")
     mech = chain(kind)
     q, v = state(mech)
     names = ["mass:joint", "anchor:rod.xyz1[0]"]
     span = (0.0, 0.1)
-    options = {"method": method, "backend": backend, "rtol": 1e-8, "atol": 1e-9}
+    options = {"method": method, "rtol": 1e-8, "atol": 1e-9}
 
     def end(t, q, v, lam):
         return np.sin(q).sum() + v @ np.cos(np.arange(len(v))) + 0.1 * lam[0]

@@ -7,13 +7,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.twin import needs_twin, with_switches
+from helpers.twin import with_switches
 
 import pinconsist as pc
 from pinconsist import _core
 from pinconsist.dae import tuning
-
-pytestmark = needs_twin
 
 
 @pytest.mark.parametrize("tol", [1e-4, 1e-7])

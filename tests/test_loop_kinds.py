@@ -53,9 +53,7 @@ def rotor(kind, world_axis, **fields):
     return pc.Mechanism(model, [pc.Loop("held", kind, "universe", "end", rpy1=rpy, rpy2=rpy, axis=axis, **fields)])
 
 
-@pytest.mark.parametrize(
-    "kind", ["hinge", *(pytest.param(kind, marks=pytest.mark.compiled) for kind in ("cylinder", "plane"))]
-)
+@pytest.mark.parametrize("kind", ["hinge", "cylinder", "plane"])
 def test_turns_without_end_about_its_axis(kind):
     """Twelve turns: the axis is held, the angle about it is free (and no logarithm may wrap)."""
     mech, spin = rotor(kind, np.array([0.0, 0.0, 1.0])), 37.0
@@ -287,13 +285,7 @@ BEADS = {
 }
 
 
-@pytest.mark.parametrize(
-    "given",
-    [
-        given if given in ("wire", "shaken with both") else pytest.param(given, marks=pytest.mark.compiled)
-        for given in BEADS
-    ],
-)
+@pytest.mark.parametrize("given", BEADS)
 def test_bead_on_a_wire_of_ones_own(given):
     """(1 + k²x²) ẍ + k² x ẋ² + (g + s̈) k x = 0 by scipy, where s is the wire's shaking; λ = m (z̈ + g)."""
     amplitude = A if "shaken" in given else 0.0

@@ -7,7 +7,6 @@ import pinocchio as pin
 import pytest
 from helpers import scenes
 from helpers.bodies import mixed_tree, random_state
-from helpers.twin import needs_both
 
 import pinconsist as pc
 from pinconsist.dae import charts
@@ -75,7 +74,7 @@ def answer(name):
     return times, pc.paper.reference_solution(build(), 0.0, start.q, start.v, times), start
 
 
-@pytest.mark.parametrize("k", [*(pytest.param(k, marks=pytest.mark.compiled) for k in (1, 2, 4)), 3, 5])
+@pytest.mark.parametrize("k", [1, 2, 4, 3, 5])
 @pytest.mark.parametrize("name", SCENES)
 def test_order_in_positions_velocities_and_multipliers(name, k):
     """Halving a fixed step divides all three errors by 2ᵏ; the answer is scipy's DOP853 on the index-1 equations."""
@@ -142,13 +141,12 @@ def test_vector_like_scenes_never_use_charts(monkeypatch):
             dense_output=True,
             t_eval=np.linspace(0, 0.5, 7),
             events=event,
-            backend="python",
             **options,
         )
         sol.sol(0.3)
     assert set(calls) <= {"integrate"} and len(calls) < 40  # projections of the start's few rows move a position
     calls.clear()
-    pc.integrate(mech, (0.0, 0.5), start.q, start.v, max_step=1e-3, backend="python")
+    pc.integrate(mech, (0.0, 0.5), start.q, start.v, max_step=1e-3)
     assert len(calls) < 40  # however many steps there are
 
 
@@ -183,7 +181,7 @@ def momentum_and_energy_drift(sol, inertia=(1.0, 2.0, 3.0)):
     return np.abs(np.array(turned) - turned[0]).max() / size, np.abs(energy / energy[0] - 1.0).max()
 
 
-@pytest.mark.parametrize("tol", [1e-2, *(pytest.param(tol, marks=pytest.mark.compiled) for tol in (1e-3, 1e-6))])
+@pytest.mark.parametrize("tol", [1e-2, 1e-3, 1e-6])
 @pytest.mark.parametrize("joint", [pin.JointModelSpherical, pin.JointModelFreeFlyer])
 @pytest.mark.parametrize("spin0", [(200.0, 3.0, 5.0), (3.0, 200.0, 3.0), (115.0, 115.0, 115.0)])
 def test_a_body_at_200_rad_s(joint, spin0, tol):
@@ -193,17 +191,6 @@ def test_a_body_at_200_rad_s(joint, spin0, tol):
     assert max(drift, energy) < {1e-2: 0.15, 1e-3: 0.06, 1e-6: 1e-3}[tol]
     turn = np.abs(sol.h) * (sol.order + 2) * np.linalg.norm(sol.v[1:, -3:], axis=1)
     assert turn[sol.order > 0].max() < 2.9 < np.pi
-
-
-@pytest.mark.parametrize("tol", [0.2, 0.03])
-def test_without_the_cap_the_same_body_is_garbage(monkeypatch, tol):
-    monkeypatch.setattr(charts, "MAX_CHART_TURN", 1e9)
-    try:
-        sol = spin(pin.JointModelSpherical, (200.0, 3.0, 5.0), rtol=tol, atol=tol, max_steps=2000, backend="python")
-        drift = momentum_and_energy_drift(sol)[0]
-    except AssertionError:
-        drift = np.inf
-    assert drift > 0.5
 
 
 def test_a_fixed_step_that_would_wrap_is_refused_with_a_number():
@@ -260,11 +247,10 @@ def test_a_wheel_spun_up_from_rest_stays_within_its_charts(joint, tol):
     np.testing.assert_allclose(sol.v[:, -1], sol.t, atol=1e-12)
 
 
-@needs_both
 @pytest.mark.parametrize("order", [5, 9, 13])
-def test_a_fixed_step_in_which_a_body_turns_too_far_ends_the_run(backend, order):
+def test_a_fixed_step_in_which_a_body_turns_too_far_ends_the_run(order):
     """The compiled method tried it for ever."""
     top = scenes.heavy_top()
     v0 = 10.0 * np.linspace(1.0, 0.3, top.nv)
-    sol = pc.simulate(top, (0.0, 0.6), v0=v0, method="Radau", step=0.3, max_order=order, backend=backend)
+    sol = pc.simulate(top, (0.0, 0.6), v0=v0, method="Radau", step=0.3, max_order=order)
     assert not sol.success and sol.t[-1] == 0.0, sol.message

@@ -9,13 +9,12 @@ import pytest
 from helpers.bodies import mixed_tree, random_state
 from helpers.forces import FORCES
 from helpers.loops import KINDS, PAIRS, loop_open_by
-from helpers.twin import needs_twin
 from scipy.interpolate import CubicSpline
 
 import pinconsist as pc
 from pinconsist import accuracy, certificate, solution
-from pinconsist._core.compiled_system import blank_system
-from pinconsist._core.compiled_system import compiled_system as twin_of
+from pinconsist._core.systems import blank_system
+from pinconsist._core.systems import compiled_system as twin_of
 from pinconsist.accuracy import measured
 from pinconsist.mechanism import rows
 from pinconsist.mechanism.energy import energy_of, integrals
@@ -30,7 +29,6 @@ def states_of(model, count=4):
     return [np.array(column) for column in zip(*(random_state(model, rng) for _ in range(count)), strict=True)]
 
 
-@needs_twin
 @pytest.mark.parametrize("axes", ["world", "anchor"])
 @pytest.mark.parametrize("pair", PAIRS, ids="-".join)
 @pytest.mark.parametrize("kind", KINDS)
@@ -45,7 +43,6 @@ def test_reactions_of_every_loop_kind(kind, pair, axes):
         np.testing.assert_allclose(getattr(found, part), getattr(expected, part), atol=1e-11)
 
 
-@needs_twin
 @pytest.mark.parametrize("name", FORCES)
 def test_powers_and_stored_energy_of_every_force(name):
     mech = pc.Mechanism(mixed_tree(), forces=[FORCES[name]])
@@ -59,9 +56,7 @@ def test_powers_and_stored_energy_of_every_force(name):
         np.testing.assert_allclose(getattr(found, part), getattr(expected, part), rtol=1e-12, atol=1e-11)
 
 
-@pytest.mark.parametrize(
-    "workspace", [Workspace, pytest.param(lambda model: Workspace(model, blank_system), marks=needs_twin)]
-)
+@pytest.mark.parametrize("workspace", [Workspace, pytest.param(lambda model: Workspace(model, blank_system), marks=())])
 def test_kinetic_energy_includes_the_rotors_of_all_joints(workspace):
     """Pinocchio's computeKineticEnergy leaves out the rotors of revolute and helical joints about any axis."""
     model, axis = pin.Model(), np.array([0.6, 0.0, 0.8])
@@ -79,7 +74,6 @@ def test_kinetic_energy_includes_the_rotors_of_all_joints(workspace):
         assert kinetic == pytest.approx(0.5 * rate @ M @ rate)
 
 
-@needs_twin
 @pytest.mark.parametrize("away", [0.0, 1e5])
 @pytest.mark.parametrize("without_mass", ["", "ball"])
 def test_exact_forces_of_all_joints_far_away_and_of_bodies_without_mass(without_mass, away):
@@ -104,7 +98,6 @@ def test_exact_forces_of_all_joints_far_away_and_of_bodies_without_mass(without_
     np.testing.assert_allclose(M, system.mass_matrix(q[0]), atol=rounding)
 
 
-@needs_twin
 @pytest.mark.parametrize("name", ["four_bar", "bricard", "flyball_governor", "stewart_platform", "andrews", "chain_64"])
 def test_certificates_of_scenes(monkeypatch, name):
     mech = pc.load(name)
@@ -121,8 +114,6 @@ def test_certificates_of_scenes(monkeypatch, name):
     np.testing.assert_allclose(fast.energy, slow.energy, rtol=1e-11, atol=1e-12)
 
 
-@needs_twin
-@needs_twin
 @pytest.mark.parametrize("forces", [[], [pc.Torque(lambda t, q, v: -0.1 * v)]], ids=["compiled", "Python"])
 def test_rows_are_shared_between_threads(monkeypatch, forces):
     """The same to the last bit, however many threads there are, and with forces that Python evaluates."""

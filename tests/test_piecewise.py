@@ -55,9 +55,9 @@ def mech():
     return pc.load("n_four_bar_1").with_gravity((0.0, 0.0, 0.0))
 
 
-def run(mech, force, method="Radau", backend="auto", back=False, start=None, **options):
+def run(mech, force, method="Radau", back=False, start=None, **options):
     span, options = (END, 0.0) if back else (0.0, END), FULL | options
-    return pc.simulate(mech, span, *(start or ()), forces=[force], method=method, backend=backend, **options)
+    return pc.simulate(mech, span, *(start or ()), forces=[force], method=method, **options)
 
 
 @pytest.mark.parametrize("method", ["Radau", "BDF"])
@@ -83,16 +83,6 @@ def test_steps_end_where_forces_jump(mech, name, method):
         np.testing.assert_array_equal(np.sort(each.t[1:][np.diff(each.t) == 0.0]), doubled)
 
 
-@pytest.mark.parametrize("method", ["Radau", "BDF"])
-@pytest.mark.parametrize("name", ["straight", "period"])
-def test_python_and_compiled_are_equal(mech, name, method):
-    _, jumps, force = FORCES[name]
-    plain, fast = (run(mech, force, method, backend, rtol=1e-4, atol=1e-6) for backend in ("python", "auto"))
-    for mine, theirs in ((plain.q, fast.q), (plain.v, fast.v), (plain.lam, fast.lam)):
-        np.testing.assert_allclose(mine[-1], theirs[-1], atol=1e-5 * (1.0 + np.abs(theirs[-1]).max()))
-    assert set(t for t in jumps if 0.0 < t < END) <= set(plain.t)
-
-
 def test_what_a_step_across_a_jump_would_cost(mech):
     """The jumps of a function of time are found by sampling it; those of a law that depends on the state are not."""
     _, _, force = FORCES["a law"]
@@ -109,14 +99,13 @@ def test_a_saved_run_is_judged_alike(mech, tmp_path):
         assert again.check(mech.add_forces(FORCES[name][2]), error=False).force < 1e-8
 
 
-@pytest.mark.parametrize("backend", ["compiled", "python"])
-def test_a_run_that_ends_at_a_jump_has_the_force_before_it(mech, backend):
-    sol = pc.simulate(mech, (0.0, TIMES[-1]), forces=[FORCES["times"][2]], method="Radau", backend=backend)
+def test_a_run_that_ends_at_a_jump_has_the_force_before_it(mech):
+    sol = pc.simulate(mech, (0.0, TIMES[-1]), forces=[FORCES["times"][2]], method="Radau")
     assert sol.energy().power["torque crank0"][-1] == pytest.approx(VALUES[-2] * sol.v[-1, 0])
     assert sol.check(mech.add_forces(FORCES["times"][2]), error=False).force < 1e-8
 
 
-@pytest.mark.parametrize("options", [{}, {"events": lambda t, q, v, lam: 1.0}, {"backend": "python"}])
+@pytest.mark.parametrize("options", [{}, {"events": lambda t, q, v, lam: 1.0}])
 @pytest.mark.parametrize("method", ["Radau", "BDF"])
 def test_a_force_that_is_not_finite_after_a_jump_ends_the_run(mech, method, options):
     """An integrator whose first step is not a number must not try for ever; what was reached can be judged."""

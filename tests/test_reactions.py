@@ -260,7 +260,6 @@ def test_a_dead_centre_that_is_passed_leaves_forces_as_they_are():
     assert undetermined(mech, np.zeros(2), q) == undetermined(mech, np.zeros(1), q[1:]) == {}
 
 
-@pytest.mark.compiled
 def test_of_cassie_the_shins_are_not_determined_and_nothing_else():
     """Without them the robot carries the same forces."""
     try:

@@ -9,9 +9,8 @@ from helpers.extras import skips_missing_extras
 from scipy.integrate import solve_ivp
 
 import pinconsist as pc
+from pinconsist._core.steppers import BdfStepper, RadauStepper
 from pinconsist.dae.index1 import solve_acceleration
-from pinconsist.dae.radau_stepper import RadauStepper
-from pinconsist.dae.stepper import Stepper
 from pinconsist.formats.catalogue import robot_file
 from pinconsist.mechanism.system import MechanismSystem
 
@@ -52,12 +51,10 @@ def sampled(span, method="Radau", **options):
 
 
 @pytest.mark.parametrize("method", ["Radau", "BDF"])
-@pytest.mark.parametrize(("count", "backend"), [(12, "auto"), (3, "python")])
 @pytest.mark.parametrize(("sign", "late"), [(1.0, 0), (1.0, 2), (-1.0, 1)])
-def test_each_sample_is_a_window_of_constant_torque(method, count, backend, sign, late):
-    if backend == "python" and late:
-        count = 4
-    sol = sampled((0.0, sign * count * PERIOD), method, backend=backend, delay=late * PERIOD)
+def test_each_sample_is_a_window_of_constant_torque(method, sign, late):
+    count = 12
+    sol = sampled((0.0, sign * count * PERIOD), method, delay=late * PERIOD)
     assert sol.success
     q, v, lam = windows(count, sign, late)
     for mine, theirs, within in ((sol.q[-1], q, 1e-8), (sol.v[-1], v, 1e-7), (sol.lam[-1], lam, 1e-6)):
@@ -91,25 +88,12 @@ def test_a_run_is_judged_by_what_was_held(method, sign, tmp_path):
     np.testing.assert_array_equal(saved.held["sampled crank"], sol.held["sampled crank"])
 
 
-@pytest.mark.parametrize("options", [{}, {"step": 2e-3, "max_order": 5}])
-@pytest.mark.parametrize("late", [0.0, 0.5])
-def test_the_compiled_loop_goes_on_as_the_python_one(options, late):
-    options = {"rtol": 1e-4, "delay": late * PERIOD} | options
-    plain, fast = (sampled((0.0, 4 * PERIOD), backend=backend, **options) for backend in ("python", "compiled"))
-    assert plain.nsteps == fast.nsteps
-    np.testing.assert_allclose(fast.t, plain.t, atol=1e-9)
-    np.testing.assert_array_equal(fast.order, plain.order)
-    np.testing.assert_allclose(fast.q, plain.q, atol=1e-6)
-    np.testing.assert_allclose(fast.lam, plain.lam, atol=1e-4 * np.abs(plain.lam).max())
-
-
 @pytest.mark.parametrize("method", ["Radau", "BDF"])
-@pytest.mark.parametrize("backend", ["compiled", "python"])
-def test_a_callback_sees_each_step_before_the_next_sample(backend, method):
+def test_a_callback_sees_each_step_before_the_next_sample(method):
     calls = []
     controller = pc.Sampled(PERIOD, lambda t, q, v: calls.append(("law", t)) or 1.0, "crank")
     sol = pc.simulate(
-        crank_rocker(), (0.0, 3 * PERIOD), forces=[controller], method=method, backend=backend,
+        crank_rocker(), (0.0, 3 * PERIOD), forces=[controller], method=method,
         callback=lambda t, *state: calls.append(("row", t)) or t > 1.5 * PERIOD,
     )  # fmt: skip
     assert [t for _, t in calls] == sorted(t for _, t in calls)
@@ -132,19 +116,16 @@ def test_a_law_that_fails_leaves_what_was_reached(method):
 @pytest.mark.parametrize("method", ["Radau", "BDF"])
 def test_the_compiled_loop_starts_again_by_itself(method, monkeypatch):
     """Python begins the run, and no more; a torque that is not finite is named as Python names it."""
-    begun, begin = [], Stepper.begin
-    monkeypatch.setattr(Stepper, "begin", lambda *args: begun.append(args) or begin(*args))
+    begun = []
+    monkeypatch.setattr(BdfStepper, "begin", lambda *args, of=BdfStepper.begin: begun.append(args) or of(*args))
     monkeypatch.setattr(RadauStepper, "begin", lambda *args, of=RadauStepper.begin: begun.append(args) or of(*args))
     sol = sampled((0.0, 8 * PERIOD), method, rtol=1e-4, max_steps=40)
     assert len(begun) == 1 and np.count_nonzero(np.diff(sol.t) == 0.0) >= (method == "BDF") + 4
     assert sol.nsteps <= 40 and sol.success == (method == "Radau")
     infinite = pc.Torque(lambda t, q, v: np.array([np.nan if t > 2.1 * PERIOD else 0.0, 0.0, 0.0]))
     held = pc.Sampled(PERIOD, law, "crank")
-    for backend in ("compiled", "python"):
-        failed = pc.simulate(
-            crank_rocker(), (0.0, 8 * PERIOD), forces=[infinite, held], method=method, backend=backend, rtol=1e-3
-        )
-        assert not failed.success and failed.t[-1] <= 2.2 * PERIOD and "not finite" in failed.message
+    failed = pc.simulate(crank_rocker(), (0.0, 8 * PERIOD), forces=[infinite, held], method=method, rtol=1e-3)
+    assert not failed.success and failed.t[-1] <= 2.2 * PERIOD and "not finite" in failed.message
 
 
 def test_dense_output_goes_through_samples():

@@ -82,7 +82,7 @@ LATE = {  # between the last step and the file
 }
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.compiled)])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("place", LATE)
 def test_signals_after_the_last_step_lose_nothing(tmp_path, monkeypatch, place, number):
     owner, name = LATE[place]
@@ -109,15 +109,12 @@ def test_simulate_returns_what_ctrl_c_came_too_late_for(monkeypatch, place):
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-@pytest.mark.compiled
 def test_ctrl_c_at_random_times_loses_no_solution():
     """Sent while a run of half a second is on its way or ends."""
     script = """if True:
         import os, signal, threading, time
         import pinconsist as pc
-        mech, span = pc.load("four_bar"), (0.0, 1.0)
-        if pc.simulate(mech, span).method["backend"] == "compiled":
-            span = (0.0, 100.0)
+        mech, span = pc.load("four_bar"), (0.0, 100.0)
         began = time.perf_counter()
         pc.simulate(mech, span)
         whole = time.perf_counter() - began
@@ -168,8 +165,7 @@ def test_a_second_signal_later_on_acts_at_once_but_not_while_a_file_is_written(m
         raise AssertionError("the last one acts at once")
 
 
-@pytest.mark.parametrize("backend", ["auto", "python"])
-def test_a_function_that_never_returns_is_left_at_the_second_signal(monkeypatch, backend):
+def test_a_function_that_never_returns_is_left_at_the_second_signal(monkeypatch):
     def stuck(t, q, v):
         if t > 0.3 and v.any():  # in the run, not at rest, where it is sampled before
             for wait in (0.1, 0.6):
@@ -179,7 +175,7 @@ def test_a_function_that_never_returns_is_left_at_the_second_signal(monkeypatch,
         return np.zeros(3)
 
     monkeypatch.setattr("pinconsist.interrupts.IMPATIENCE", 0.2)
-    sol = pc.simulate(pc.load("four_bar"), (0.0, 1.0), forces=[stuck], backend=backend)
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 1.0), forces=[stuck])
     assert sol.status == 1 and 0.1 < sol.t[-1] <= 0.3 and "interrupted" in sol.message
 
 
@@ -204,13 +200,12 @@ def test_a_handler_of_the_application_may_end_it_and_is_told_of_what_waited():
         pc.simulate(pc.load("four_bar"), (0.0, 1.0), callback=lambda *_: signal.raise_signal(signal.SIGTERM))
 
 
-@pytest.mark.parametrize("backend", ["auto", "python"])
-def test_sys_exit_in_a_force_ends_the_run_and_not_the_program(backend):
-    sol = pc.simulate(pc.load("four_bar"), (0.0, 1.0), forces=after(0.5), backend=backend)
+def test_sys_exit_in_a_force_ends_the_run_and_not_the_program():
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 1.0), forces=after(0.5))
     assert sol.status == -1 and 0.3 < sol.t[-1] <= 0.5
     assert "raised SystemExit: the sensor is gone" in sol.message and "test_signals.py:" in sol.message
     with pytest.raises(pc.UserFunctionError, match="raised SystemExit") as caught:
-        pc.simulate(pc.load("four_bar"), (0.0, 1.0), forces=after(-1.0), backend=backend)
+        pc.simulate(pc.load("four_bar"), (0.0, 1.0), forces=after(-1.0))
     assert isinstance(caught.value.__cause__, SystemExit)
 
 

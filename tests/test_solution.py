@@ -506,13 +506,13 @@ def test_what_is_to_be_done_about_errors_fits_the_method():
 def test_what_was_skipped_is_told(tmp_path):
     """All of it in the method; in the summary the loop rows alone, which a reader of its multipliers misses."""
     mech = pc.load("four_bar")
-    sol = pc.simulate(mech, (0.0, 0.1), backend="python")
+    sol = pc.simulate(mech, (0.0, 0.1))
     rows = "3 of 5 loop rows (dependent or zero)"
     for each in (sol, pc.Solution.load(sol.save(tmp_path / "run"))):
         assert each.method["skipped"] == ["charts (all joints vector-like)", rows, "geometry", "dense output", "events"]
         assert f"skipped: {rows}" in each.summary().splitlines()
     events = [lambda t, q, v, lam: t - 1.0]
-    asked = pc.simulate(mech, (0.0, 0.1), dense_output=True, events=events, backend="python").method["skipped"]
+    asked = pc.simulate(mech, (0.0, 0.1), dense_output=True, events=events).method["skipped"]
     assert "geometry" in asked and "dense output" not in asked and "events" not in asked
     assert "skipped" not in pc.simulate(pc.load("planar_pendulum"), (0.0, 0.1)).summary()
 

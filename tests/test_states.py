@@ -17,7 +17,7 @@ RUNS = {
     "rows of t_eval by BDF": {"t_eval": np.linspace(*SPAN, 11)},
     "Radau, dense": {"method": "Radau", "dense_output": True},
     "BDF, dense": {"dense_output": True},
-    "Python": {"method": "Radau", "backend": "python"},
+    "Python": {"method": "Radau"},
 }
 
 

@@ -334,7 +334,6 @@ def test_a_moving_state_against_differences_of_the_nonlinear_motion(name):
     np.testing.assert_allclose(linear.A[n:], expected, atol=3e-9 * np.abs(expected).max())
 
 
-@pytest.mark.compiled
 def test_reduced_stiffness_is_the_curvature_of_the_energy():
     """Weight and springs along the closed configurations, by second differences of the energy alone."""
     mech = scenes.spherical_chain()
@@ -480,7 +479,6 @@ def test_a_pendulum_lifted_along_a_curve():
     np.testing.assert_array_equal(found.reaction("motor").torque, found.torques["motor"])
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("crank", [1.0, -2.6])
 def test_a_slider_crank_against_a_tight_simulation(crank):
     plain = pc.load("slider_crank")

@@ -31,10 +31,10 @@ def mech():
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"backend": "python"}, {"method": "BDF"}, {"step": 1e-3, "max_order": 5}, {"events": lambda *y: 1.0}],
+    [{}, {"method": "BDF"}, {"step": 1e-3, "max_order": 5}, {"events": lambda *y: 1.0}],
 )
 def test_steps_are_those_of_a_sampled_run(mech, options):
-    count = 3 if "backend" in options else 10
+    count = 10
     sim = stepped(pc.Simulation(mech, **options), count)
     controller = pc.Sampled(DT, lambda t, q, v: torque(t, v), "crank")
     sol = pc.simulate(mech, (0.0, count * DT), forces=[controller], method="Radau", rtol=1e-9, atol=1e-11)
@@ -51,11 +51,10 @@ def test_steps_are_those_of_a_sampled_run(mech, options):
     assert len(mine.held["control"]) == count
 
 
-@pytest.mark.parametrize("backend", ["compiled", "python"])
-def test_controllers_and_steps_of_one_rate_keep_step(mech, backend):
+def test_controllers_and_steps_of_one_rate_keep_step(mech):
     """Times that are added up differ from multiples of the period by rounding; no step is made between them."""
-    count, law = (40, 12)[backend == "python"], pc.Sampled(1e-3, lambda t, q, v: torque(t, v), "crank")
-    sim = pc.Simulation(mech, forces=[law], backend=backend, rtol=1e-3)
+    count, law = 40, pc.Sampled(1e-3, lambda t, q, v: torque(t, v), "crank")
+    sim = pc.Simulation(mech, forces=[law], rtol=1e-3)
     for _ in range(count):
         sim.step(1e-3)
     sol = pc.simulate(mech, (0.0, count * 1e-3), forces=[law], method="Radau", rtol=1e-9, atol=1e-11)
@@ -90,7 +89,7 @@ def test_a_copy_goes_on_alike_and_leaves_the_first_alone(mech):
     assert other.solution().t[0] == before.t
 
 
-@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"backend": "python"}])
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}])
 def test_what_is_asked_before_the_first_step(mech, options):
     sim = pc.Simulation(mech, **options)
     assert len(sim.solution().t) == 1
@@ -101,7 +100,7 @@ def test_what_is_asked_before_the_first_step(mech, options):
     assert len(sim.solution().t) == 1
 
 
-@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"backend": "python"}])
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}])
 def test_a_copy_goes_on_with_what_a_controller_holds_and_has_measured(mech, options):
     """Its torques act 8 ms after the samples."""
     law = pc.Sampled(0.01, lambda t, q, v: [30.0 - v[0]], "crank", delay=8e-3)
@@ -115,7 +114,7 @@ def test_a_copy_goes_on_with_what_a_controller_holds_and_has_measured(mech, opti
     np.testing.assert_allclose(copy.state.v, sim.state.v, rtol=1e-5)
 
 
-@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"backend": "python"}])
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}])
 def test_a_refused_call_forgets_no_jump(mech, options):
     sim = pc.Simulation(mech, forces=[pc.HeldTorque([0.0, 0.01], [0.0, 50.0], "crank")], **options)
     sim.step(0.01)
@@ -178,7 +177,7 @@ ACTUATORS = [
 ]
 
 
-@pytest.mark.parametrize("options", [{}, {"backend": "python"}, {"method": "BDF"}])
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}])
 def test_actuators_are_commanded_by_name(options, tmp_path):
     """A command of the run's own until the first one that is given, then what is held; as an equal law of time does."""
     arm, given = pc.Mechanism(PENDULUM, forces=ACTUATORS, name="arm"), [{}, {"up": 0.3}, {"both": 0.4, "knee": 0.2}, {}]

@@ -157,19 +157,6 @@ def test_the_journal_of_another_sweep_is_refused_and_kept(run, journal, argument
     assert journal.read_bytes() == before and not Path("a.csv").exists()
 
 
-def test_the_journal_of_the_other_backend_is_refused_and_kept(run, journal):
-    """Its rows differ in the last bits, so that the table would be that of neither."""
-    other = re.sub(rb'"backend": "(compiled|python)"', b'"backend": "another"', journal.read_bytes())
-    journal.write_bytes(other)
-    code, _, err = run(*PENDULUM)
-    assert code == 2 and "another sweep, which differs in backend. " in err and journal.read_bytes() == other
-
-
-def test_the_backend_of_a_journal_is_the_one_that_runs(run, journal):
-    header = json.loads(journal.read_bytes().splitlines()[0])["about"]
-    assert pc.simulate(pc.load("planar_pendulum"), (0.0, 0.1)).method["backend"].startswith(header["backend"])
-
-
 def test_the_journal_of_a_scene_whose_file_has_changed_is_refused(run):
     scene = Path("robot.urdf")
     pc.write(pc.load("planar_pendulum"), scene)

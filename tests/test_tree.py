@@ -6,11 +6,11 @@ import sys
 import numpy as np
 import pinocchio as pin
 import pytest
-from helpers.twin import assert_same, needs_twin
+from helpers.twin import assert_same
 
 from pinconsist import _core
 from pinconsist._core import tree
-from pinconsist._core.compiled_system import blank_system
+from pinconsist._core.systems import blank_system
 
 TILTED = np.array([2.0, -3.0, 6.0]) / 7.0
 
@@ -71,7 +71,6 @@ def tree_with(joint):
     return model
 
 
-@needs_twin
 @pytest.mark.parametrize("name", JOINTS)
 def test_the_dynamics_are_those_of_pinocchio(name):
     """Inverse dynamics against rnea of the library; the mass matrix, positions and differences likewise."""
@@ -88,7 +87,6 @@ def test_the_dynamics_are_those_of_pinocchio(name):
         assert_same(twin.chart_points(q[None], xi[None])[0], pin.integrate(model, q, xi))
 
 
-@needs_twin
 def test_a_tree_is_built_once_and_workspaces_belong_to_data():
     model = tree_with(pin.JointModelRZ())
     module, data = _core.load()[0], model.createData()
@@ -100,7 +98,6 @@ def test_a_tree_is_built_once_and_workspaces_belong_to_data():
     assert len(tree._trees) == count
 
 
-@needs_twin
 def test_a_workspace_of_a_long_chain_is_small():
     """Pinocchio's own Data is of size O(n³): 4 × 8 n³ bytes and more, 1 GB for 320 joints."""
     model = pin.Model()

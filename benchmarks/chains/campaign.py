@@ -38,7 +38,6 @@ class Run:
 
     seed: int
     scene: str
-    backend: str
     method: str
     tol: float
     outcome: str
@@ -55,19 +54,18 @@ class Run:
     reference: str = ""  # why it ends early
 
 
-def runs(seeds, tolerances, backends, method="BDF", *, until=1.0, limit=60.0) -> Iterator[Run]:
-    """Every chain by every backend at every tolerance, each run ended after `limit` s."""
+def runs(seeds, tolerances, method="BDF", *, until=1.0, limit=60.0) -> Iterator[Run]:
+    """Every chain at every tolerance, each run ended after `limit` s."""
     if not (limit > 0 and until > 0):
         raise InputError(f"a run needs a span and a limit of some seconds, got {until:g} and {limit:g}")
     child = Child(_answer)
     try:
         for seed in seeds:
             scene, why = child.ask((seed, until), limit)
-            for backend in backends:
-                for tol in tolerances:
-                    blank = Run(seed, scene or "", backend, method, tol, HUNG, why)
-                    found, why_not = child.ask((blank, until), limit) if scene else (blank, "")
-                    yield found or replace(blank, message=why_not)
+            for tol in tolerances:
+                blank = Run(seed, scene or "", method, tol, HUNG, why)
+                found, why_not = child.ask((blank, until), limit) if scene else (blank, "")
+                yield found or replace(blank, message=why_not)
     finally:
         child.end()
 
@@ -87,7 +85,7 @@ def judged(run: Run, until: float) -> Run:
     """A run, made and compared with the reference of its seed."""
     mech, q, v = random_chain(run.seed)
     reference = _reference(run.seed, until)
-    options = {"rtol": run.tol, "atol": FLOOR * run.tol, "method": run.method, "backend": run.backend}
+    options = {"rtol": run.tol, "atol": FLOOR * run.tol, "method": run.method}
     start = time.perf_counter()
     try:
         with warnings.catch_warnings():

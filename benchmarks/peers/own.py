@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from pinconsist import Solution, __version__, integrate
-from pinconsist._core.compiled import stepper_for
+from pinconsist._core.steppers import stepper_for
 from pinconsist.dae import integrate as dae
 from pinconsist.dae.consistency import MODES
+from pinconsist.dae.output import Output
 from pinconsist.dae.tuning import MAX_ORDER, Switches
 from pinconsist.options import method_of
 
@@ -18,7 +19,6 @@ from .problem import Peer, Rows, SolverFailed
 HIGHEST = 5  # of variable step
 SETTINGS = {
     "BDF": {},
-    "BDF, in Python": {"backend": "python"},
     **{f"BDF ≤ {k}": {"max_order": k} for k in range(HIGHEST - 1, 1, -1)},
     "Radau": {"method": "Radau"},
     **{f"Radau, order {k}": {"method": "Radau", "max_order": k} for k in (9, 13)},
@@ -77,10 +77,10 @@ class WithoutSwitch(Own):
 
     def run(self, problem, options):
         span, tolerances = problem.span, (options["rtol"], options["atol"])
-        method = method_of(span, "BDF", None, None, *tolerances, "every-step", None, np.inf, None, "auto")
+        method = method_of(span, "BDF", None, None, *tolerances, "every-step", None, np.inf, None)
         method = replace(method, switches=self.switches)
-        stepper = stepper_for(problem.system, method, "auto")
-        run = dae.integrate(problem.system, span, problem.q0, problem.v0, method, stepper=stepper)
+        stepper = stepper_for(problem.system, method)
+        run = dae.integrate(problem.system, span, problem.q0, problem.v0, method, Output(), stepper)
         return Solution._from_trajectory(run, method)
 
 

@@ -1,7 +1,6 @@
-"""The methods of dae/ in C++, with everything that exists only for speed: many accepted steps in one call.
+"""The method, in C++: many accepted steps in one call.
 
-It is built if ``pip install`` finds a compiler. The C++ files are named like the Python ones: newton.hpp does what
-dae/newton.py does, and so on. User-defined forces and constraints are called back in Python.
+User-defined forces and constraints are called back in Python.
 """
 
 import shlex
@@ -10,13 +9,11 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
-import numpy as np
-
 from ..dae import tuning
-from ..dae.radau_table import table
-from ..dae.unseen import gauss
+from ..dae.radau_table import gauss, table
+from ..errors import PinconsistError
 
-INTERFACE = 37  # as in module.cpp: an editable install may hold an older build
+INTERFACE = 38  # as in module.cpp: an editable install may hold an older build
 
 
 def _absent(folder: Path) -> str:
@@ -58,14 +55,19 @@ def load():
             f"the compiled part of pinconsist, {twin.__file__}, does not have the version of the Python code in "
             f"{Path(__file__).parent}; {again}"
         )
-    from scipy.integrate import DOP853
     from scipy.linalg import cython_lapack
 
     twin.use_lapack(*(cython_lapack.__pyx_capi__[name] for name in ("dgetrf", "dgetrs")))
-    coefficients = ("A", "B", "C", "E3", "E5", "D", "A_EXTRA", "C_EXTRA")
     twin.use_tuning(tuning)
-    twin.use_dop853(*(np.ascontiguousarray(getattr(DOP853, name)) for name in coefficients))
     for s in tuning.STAGES:
         of = table(s)
         twin.use_radau(of.c, of.A, of.inverse, of.inverse2, of.modes, of.raised, *gauss(s))
     return twin, ""
+
+
+def required():
+    """The compiled module; PinconsistError with the reason if there is none."""
+    module, why = load()
+    if module is None:
+        raise PinconsistError(f"pinconsist needs its compiled part: {why}")
+    return module

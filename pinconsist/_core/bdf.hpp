@@ -1,4 +1,4 @@
-// dae/bdf.py and dae/charts.py. The table Z has ROWS rows ∇ʲ[ξ | v | λ], stored row by row.
+// The formulas of dae/bdf.py. The table Z has ROWS rows ∇ʲ[ξ | v | λ], stored row by row.
 #pragma once
 
 #include "system.hpp"

@@ -85,53 +85,6 @@ inline const Collocations::value_type &holder(const Collocations::value_type &st
   return step->halves[(t - second.t) * second.h > 0.0];
 }
 
-// An interval of time and the values of an event's function at its ends.
-struct Bracket {
-  double begin, before, end, after;
-};
-
-// The accuracy, s, of a time.
-inline double exactly(double t) { return 4e-16 * std::max(1.0, std::abs(t)); }
-
-// dae/events.py: shorten an interval until g has its sign before the zero at the beginning too; false if it never has.
-template <class G> bool narrowed(const G &g, Bracket &of) {
-  const double left = of.begin;
-  while (std::abs(of.end - left) > shortest_step(of.end)) {
-    const double t = left + SHORTER * (of.end - left), value = g(t);
-    if (value * of.before > 0.0) {
-      of.begin = t;
-      of.before = value;
-      return true;
-    }
-    of.end = t;
-    of.after = value;
-  }
-  return false;
-}
-
-// dae/events.py: the zero of g between a and b, where its signs differ, and its value there.
-template <class G> std::pair<double, double> zero(const G &g, double a, double fa, double b, double fb, double near) {
-  double part = fa / (fa - fb);
-  if (std::isnan(part)) part = 0.5; // infinite values
-  for (int tries = 1;; ++tries) {
-    const double least = 0.5 * near / std::abs(b - a);
-    const double t = a + std::min(std::max(part, least), 1.0 - least) * (b - a), f = g(t);
-    double c = a, fc = fa;
-    if (!(f * fa > 0.0)) {
-      std::swap(c, b);
-      std::swap(fc, fb);
-    }
-    a = t;
-    fa = f;
-    if (fa == 0.0 || std::abs(b - a) <= near) break;
-    const double x = (a - b) / (c - b), y = (fa - fb) / (fc - fb);
-    part = tries < HALVING && y * y < x && (1.0 - y) * (1.0 - y) < 1.0 - x
-               ? fa / (fa - fb) * fc / (fc - fb) - (c - a) / (b - a) * fa / (fc - fa) * fb / (fb - fc)
-               : 0.5;
-  }
-  return std::abs(fa) < std::abs(fb) ? std::pair{a, fa} : std::pair{b, fb};
-}
-
 // States inside steps, projected onto the constraints, as long as the equations exist.
 class Sampler {
 public:
@@ -152,7 +105,8 @@ public:
     return !with_multipliers || index1_.acceleration(t, p, v, a_, lam);
   }
 
-  // RadauSegment.error_between of dae/segments.py.
+  // An estimate of the error of v between the ends. It is the geometric mean of two: that from the decay of the modes is
+  // too small with stiff forces, that from the defect of the accelerations too large.
   double error_between(const Collocations::value_type &of, const Vec &weight) {
     const Shape &shape = of->shape;
     const int s = shape.table->s;

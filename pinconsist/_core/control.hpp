@@ -1,9 +1,7 @@
-// dae/control.py, and RadauControl of dae/radau_control.py: step and order.
+// Step and order: fixed, or from the error of a step.
 #pragma once
 
 #include "newton.hpp"
-
-#include <map>
 
 namespace pinconsist {
 
@@ -15,7 +13,8 @@ struct Choice {
 // Error control with the tolerances of [ξ | v] in a step; without tolerances, the step size is fixed.
 class Tolerances {
 public:
-  Vec rtol, atol;
+  Vec rtol_of_run, atol_of_run;
+  Vec rtol, atol; // of a step
   Vec sizes;   // largest size of [ξ | v] so far
   Vec sums_up; // the sum of the errors of all steps, in tolerances of one step; or empty
   double max_step = INF;
@@ -65,6 +64,21 @@ public:
   int max_order = 1, equal_steps = 0;
   int noisy_steps = 0; // with errors that were rounding, since a longer step was last tried
   bool keep_weights = true;
+
+  // Tolerances of a run. With a tolerance τ of one step's error, steps of size h ~ τ^(1/(k+1)) sum up to
+  // τ/h ~ τ^(k/(k+1)), k being the highest order. Rounding in one step is eps/h in the velocities, which is below τ if
+  // τ > eps^((k+1)/(k+2)).
+  void set(const Vec &relative, const Vec &absolute, int order) {
+    rtol_of_run = relative;
+    atol_of_run = absolute;
+    max_order = order;
+    const double k = order, rounding = 3.0 * std::pow(EPS, (k + 1.0) / (k + 2.0));
+    const Eigen::ArrayXd tol = relative.cwiseMax(absolute);
+    const Eigen::ArrayXd share = (ACCURACY * tol).pow((k + 1.0) / k).max(rounding) / tol;
+    rtol = share * relative.array();
+    atol = share * absolute.array();
+    sums_up = rtol.cwiseMax(atol).array().pow(-1.0 / (k + 1.0));
+  }
 
   // Fills the weights; returns Newton's stopping size.
   double weights(const System &system, const Vec &predicted, const Vec &base, double h, Vec &weight) const {
@@ -144,23 +158,32 @@ public:
 // The step size from the error estimate, by Gustafsson's prediction; the number of stages from the rate of Newton's iteration.
 class RadauControl : public Tolerances {
 public:
-  struct OfStages {
-    double newton_factor, slack;
-  };
-  std::map<int, OfStages> of_stages;
-  Vec rtol_of_run, atol_of_run;
-  bool chooses = false, worth_most = false; // the number of stages; and the highest if Newton allows it
-  int s = 0;                                // of the next step
+  bool chooses = false; // the number of stages
+  int s = 0;            // of the next step
 
+  // Tolerances of a run; 0 stages: their number is chosen.
+  void set(const Vec &relative, const Vec &absolute, int stages) {
+    rtol_of_run = relative;
+    atol_of_run = absolute;
+    chooses = stages == 0;
+    use(chooses ? static_cast<int>(FIRST_STAGES) : stages);
+  }
+
+  // Continue with so many stages. The estimate falls like hᵉ, the error of a run like h²ˢ⁻¹: this determines the
+  // tolerance of the estimate. Errors of Newton's iteration add up, and do not fall with the order.
   void use(int stages) {
     s = stages;
     calm_ = failures_ = 0;
     restart();
-    if (!of_stages.count(s)) return; // a fixed step
+    if (!rtol_of_run.size()) return; // a fixed step
+    const double power = exponent() / (2.0 * s - 1.0);
     const Eigen::ArrayXd tol = rtol_of_run.cwiseMax(atol_of_run);
-    const Vec share = (STAGE_ACCURACY * tol).pow(exponent() / (2.0 * s - 1.0)) / tol;
-    rtol = share.cwiseProduct(rtol_of_run);
-    atol = share.cwiseProduct(atol_of_run);
+    const Eigen::ArrayXd share = (STAGE_ACCURACY * tol).pow(power) / tol;
+    rtol = share * rtol_of_run.array();
+    atol = share * atol_of_run.array();
+    const double smallest = std::max(rtol_of_run.minCoeff(), atol_of_run.minCoeff());
+    slack_ = std::pow(STAGE_ACCURACY * smallest, power) / smallest;
+    newton_factor_ = std::min(s > 5 ? STAGE_NEWTON_OF_MOST : STAGE_NEWTON, STAGE_LEFT / slack_);
   }
   void restart() { last_h_ = 0.0; }
 
@@ -173,7 +196,7 @@ public:
       return rounding_weights(system, y, weight);
     }
     fill(system, p, v, INF, weight);
-    return of_stages.at(s).newton_factor;
+    return newton_factor_;
   }
 
   // After an accepted step in which Newton contracted by `rate`: more stages if it has converged quickly for a while,
@@ -183,7 +206,8 @@ public:
     failures_ = 0;
     const bool few = s < FIRST_STAGES;
     const int more = static_cast<int>(few ? FIRST_STAGES : MOST_STAGES);
-    if (chooses && (few || worth_most) && rate <= QUICK && more != s) use(more);
+    const bool worth = few || rtol_of_run.minCoeff() <= MOST_STAGES_BELOW;
+    if (chooses && worth && rate <= QUICK && more != s) use(more);
   }
   // After Newton failed or a step shrank by MIN_FACTOR: fewer stages if that also happened shortly before.
   void choose_after_failure() {
@@ -214,11 +238,12 @@ public:
   }
 
   // The tolerance of the estimate over that of the run.
-  double slack() const { return of_stages.at(s).slack; }
+  double slack() const { return slack_; }
   // The power of h by which the error estimate falls.
   int exponent() const { return s >= 3 ? s + 2 : s + 1; }
 
 private:
+  double slack_ = 1.0, newton_factor_ = 0.0;
   double last_h_ = 0.0, last_error_ = 0.0; // of the last step, 0 if there is none
   int calm_ = 0, failures_ = 0;            // steps since the stages changed or Newton failed; failures until CALM such steps
 };

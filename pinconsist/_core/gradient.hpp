@@ -1,4 +1,4 @@
-// gradients/linear.py and gradients/forward.py: derivatives propagated along the accepted steps of BDF.
+// Derivatives propagated along the accepted steps of BDF; the formulas are in linear.hpp.
 #pragma once
 
 #include "bdf.hpp"

@@ -1,5 +1,40 @@
-// Derivatives of residuals by parameters (gradients/variants.py) and of rows by the state (row_gradients of
-// gradients/linear.py), for the linear equations of the steps.
+// The linearised equations of one step of BDF or Radau IIA, and of the multipliers at a state.
+//
+// BDF. With r = M a + nle - τ - G λ, c = h/α_k and a = (v - ψ_v)/c, all at the accepted state, the derivatives
+// s = (s_ξ, s_v, s_λ) by a parameter θ follow from those of ψ, which are known from the previous steps:
+//
+//     K (s_v', s_λ') = -(c r_θ + c (f_x - F) E s_ψξ - M s_ψv,  (Φ_θ + W E s_ψξ)/c)
+//     s_ξ            = E (s_ψξ + c s_v')
+//     σ              = ρ_θ + H s_ξ + W s_v'
+//     (s_v, s_λ)     = (s_v', s_λ') - K⁻¹ (0, σ)
+//
+//     K = [ M + c f_v + c² (f_x - F) E   -c G ]     F = ∂(G λ)/∂ξ,  H = ∂ρ/∂ξ,
+//         [ W E                            0  ]     E = (1 - c L)⁻¹
+//
+// σ is the hidden residual of s itself. Every step of the run is put on the hidden constraint, and so is every step of its
+// derivatives. Therefore s_λ has the order of the method (otherwise it would have one order less, and jump at each change
+// of step). L s = ½ [s, v] is the derivative of the rate of chart coordinates at their centre; it is zero if no joint
+// rotates with three degrees of freedom. For values this term is of higher order than the method; for derivatives it is
+// not.
+//
+// Radau IIA. A step from (p₀, v₀) has stages (P_i, V_i, W_i) with multipliers L_i, see radau.hpp. With
+// the derivatives s_p, s_v of its start by θ, and dξ_i = T_i (dP_i - Ad_i s_p), Ad_i = 1 - T_i⁻¹ ad ξ_i,
+//
+//     dV_i = T_i⁻¹ (Σ_j b_ij dξ_j/h - N_i dξ_i),   N_i = ∂(T_i V_i)/∂ξ_i,      dW_i = Σ_j b_ij (dV_j - s_v)/h,
+//     M_i dW_i + D_i dV_i + (K_i - F_i) dP_i + r_θi = G_i dL_i,    J_i dP_i + Φ_θi = 0,    r = f - G L,  F = ∂(G L)/∂ξ.
+//
+// As in the run, dP_i = Z_i y_i - N_i Φ_θi, and Zᵀ G = 0 leaves s (nv - nc) unknowns y. Here T and N are exact, because
+// the step itself is differentiated; the derivatives have its order, 2s - 1.
+//
+// At the end of the step, dP_s is projected onto Φ, and dV_s onto the hidden constraint, by [[M, -G], [J, 0]] at (p₁, v₁).
+// The run moves the velocity by δ = v₁ - V_s = M⁻¹ G ν, with M at a configuration that also depends on θ:
+//
+//     M (s_v1 - dV_s) - G dν + q_θ + ∂q/∂ξ s_p1 = 0,    q = M δ - G ν,      J s_v1 + H s_p1 + ρ_θ = 0.
+//
+// Without q, whose size is of the order of V_s, the derivatives would have the order of the unprojected stages. No history
+// is needed; the multipliers are those of the index-1 equations, at any state.
+//
+// Here: derivatives of residuals by parameters (gradients/variants.py), and of rows by the state.
 #pragma once
 
 #include "system.hpp"
@@ -143,7 +178,7 @@ public:
   }
 
 private:
-  static constexpr double NUDGE = 3e-5; // as in gradients/linear.py
+  static constexpr double NUDGE = 3e-5; // rad or m: step of the differences of rows, which are exact to 2e-10 of their size
 
   std::pair<const Vec &, const Mat &> second(double t, const Vec &p, const Vec &v, const Vec &a) {
     beta_ = beta(system_, t, p, v, a);

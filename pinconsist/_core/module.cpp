@@ -69,7 +69,7 @@ template <class Part, class... Given> auto adds() {
 
 NB_MODULE(twin, m) {
   using namespace pinconsist;
-  m.attr("INTERFACE") = 37; // the same number is in __init__.py; a build for other Python code is refused
+  m.attr("INTERFACE") = 38; // the same number is in __init__.py; a build for other Python code is refused
   m.def("use_tuning", [](nb::object tuning) { // dae/tuning.py
 #define PINCONSIST_READ(name) name = nb::cast<double>(tuning.attr(#name));
     PINCONSIST_TUNING(PINCONSIST_READ)
@@ -89,11 +89,6 @@ NB_MODULE(twin, m) {
     RadauTable::of[s] = {s, c, A, inverse, inverse2, modes, raised, between, weights, reach, at_start.transpose(),
                          (modes.row(s - 1) * inverse2).norm(), (at_start * inverse2).norm()};
   });
-  m.def("use_dop853", [](const Table &A, const Vec &B, const Vec &C, const Vec &E3, const Vec &E5, const Table &D,
-                         const Table &A_extra, const Vec &C_extra) {
-    OneStep::method = {A, A_extra, D, B, C, E3, E5, C_extra};
-  });
-
   nb::class_<JointNumbers>(m, "JointNumbers")
       .def("__init__",
            [](JointNumbers *at, std::string kind, std::vector<double> numbers,
@@ -218,7 +213,7 @@ NB_MODULE(twin, m) {
       .def("follow", &ClosureFollower::follow);
 
   nb::class_<Projection>(m, "Projection")
-      .def(nb::init<MechanismSystem &>(), "system"_a, nb::keep_alive<1, 2>())
+      .def(nb::init<System &>(), "system"_a, nb::keep_alive<1, 2>())
       .def("acceleration", // with whether it is finite; None where the equations are singular
            [](Projection &projection, double t, const Vec &p, const Vec &v) -> nb::object {
              Vec a, lam;
@@ -229,28 +224,7 @@ NB_MODULE(twin, m) {
       .def("project", [](Projection &projection, double t, const Vec &p, const Vec &v) {
         const State state = projection.project(t, p, v);
         return nb::make_tuple(array(state.p), array(state.v), state.failure, state.gap);
-      })
-      .def(
-          "one_step",
-          [](Projection &projection, const Vec &base, double t0, const Vec &y0, double t_end, double rtol, double atol,
-             double max_step, bool dense) {
-            return std::make_unique<OneStep>(projection, base, t0, y0, t_end, rtol, atol, max_step, dense);
-          },
-          nb::keep_alive<0, 1>());
-
-  nb::class_<OneStep>(m, "OneStep")
-      .def_ro("t", &OneStep::t)
-      .def_prop_ro("y", [](const OneStep &s) { return array(s.y); })
-      .def_ro("step_size", &OneStep::step_size)
-      .def_ro("finished", &OneStep::finished)
-      .def_ro("evaluations", &OneStep::evaluations)
-      .def_prop_ro("culprit",
-                   [](const OneStep &s) -> nb::object {
-                     if (!s.culprit_p.size()) return nb::none();
-                     return nb::make_tuple(s.culprit_t, s.culprit_p, s.culprit_v);
-                   })
-      .def("step", &OneStep::step)
-      .def("sample", [](const OneStep &s, const Vec &times) { return array(s.sample(times)); });
+      });
 
   m.def("certified", // None if the equations are singular or not finite at some row
         [](const std::vector<std::pair<MechanismSystem *, Forces>> &systems, const std::vector<int> &kept, const Vec &t,

@@ -1,4 +1,18 @@
-// dae/newton.py and the correction of every step (dae/consistency.py), with forecasts and kept matrices.
+// Scaled Newton iteration on the KKT block matrix: from a predictor to the solution of one step of BDF.
+//
+// Unknowns are v and λ; the position follows from v by p = base ⊕ (ψ_ξ + c U). The residuals
+//
+//     r₁ = c (f(t, p, v, (v - ψ_v)/c) - G λ),        r₂ = Φ(t, p)
+//
+// belong, the second divided by c, to the matrix
+//
+//     K = [ A  -c G ]      A = M + c ∂f/∂v + c² ∂f/∂p
+//         [ W    0  ]
+//
+// whose condition, once its last columns are scaled, does not depend on the step size (the raw index-3 matrix grows like
+// h⁻³). One factorisation serves the right-hand sides (r₁, 0) for the dynamics, and (0, r₂) for the constraint, whose
+// rounding noise eps/c is judged only by the change of position that it causes. Then every step is corrected, see
+// dae/consistency.py. Forecasts and kept matrices save evaluations.
 #pragma once
 
 #include "bdf.hpp"
@@ -8,11 +22,11 @@
 namespace pinconsist {
 
 // Why there is no step; the messages are in dae/tuning.py, under these names.
-enum class Failure { none, singular, not_finite, diverged, not_converged, error_test, turns_too_far, no_start };
+enum class Failure { none, singular, not_finite, diverged, not_converged, error_test, turns_too_far };
 
 inline const char *name_of(Failure failure) {
   static constexpr const char *names[] = {"",           "singular",   "not_finite",   "diverged", "not_converged",
-                                          "error_test", "turns_too_far", "no_start"};
+                                          "error_test", "turns_too_far"};
   return names[static_cast<int>(failure)];
 }
 

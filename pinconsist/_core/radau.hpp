@@ -1,4 +1,28 @@
-// StageNewton of dae/radau.py: the stage equations of Radau IIA by Newton's iteration.
+// Radau IIA on the index-3 equations: the stage equations by Newton in the null space of the constraints.
+//
+// The unknowns of a step from (t₀, p₀, v₀) are accelerations W_i at the times t₀ + c_i h, i = 1 … s. They give
+//
+//     V_i = v₀ + h Σ_j a_ij W_j,    P_i = p₀ ⊕ ξ_i,    ξ_i = h Σ_j a_ij U_j
+//
+// with U_j the rate of ξ at stage j (V_j itself where positions are vectors), and solve, with multipliers L_i,
+//
+//     f(t_i, P_i, V_i, W_i) = G_i L_i,    Φ(t_i, P_i) = 0.
+//
+// Newton moves the stage *positions* by dP_i. The constraint then is one of each stage alone, J_i dP_i = -Φ_i, and
+//
+//     dP_i = Z_i y_i - N_i Φ_i,    J_i Z_i = 0,    J_i N_i = 1,
+//
+// leaves s (nv - nc) unknowns y. The multipliers vanish in the rows Y_iᵀ, Y_iᵀ G_i = 0 (Y_i = Z_i for rigid bodies), and
+// are neither predicted nor iterated:
+//
+//     Y_iᵀ Σ_j (b²_ij M_i + b_ij h D_i + δ_ij h² K_i) dP_j = -h² Y_iᵀ f_i,    D = ∂f/∂v, K = ∂f/∂p,
+//
+// where b = A⁻¹ and b² = A⁻², as dV = A⁻¹ dP/h and dW = A⁻¹ dV/h. In a chart, U = T V, dξ = T dP, and with the bracket of
+// the group δv = (δp)' + [v, δp]: dV_i = T_i⁻¹ (Σ_j b_ij T_j dP_j/h - T'_i dP_i) + [V_i, dP_i].
+//
+// References
+// ----------
+// E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, sections IV.5, IV.8, VII.4.
 #pragma once
 
 #include "newton.hpp"

@@ -1,18 +1,15 @@
-// dae/radau_stepper.py: a run of Radau IIA.
+// A run of Radau IIA.
 #pragma once
 
 #include "collocation.hpp"
 #include "radau.hpp"
 #include "run.hpp"
 
-#include <map>
-
 namespace pinconsist {
 
 class RadauStepper : public Run<RadauStepper, Collocations> {
 public:
   int used_s = 0;
-  double step = 0.0; // size of fixed steps
   Vec v, a, lam;
   RadauControl control;
   StageNewton newton;
@@ -35,14 +32,17 @@ public:
       v1_ = v + step * a;
       shift_ = step * system_.rate(t, p, 0.5 * (v + v1_));
       system_.integrate(p, shift_, p1_);
+      bool from_zero = false;
       if (index1_.acceleration(t + step, p1_, v1_, a1_, lam1_) && a1_.allFinite() && lam1_.allFinite()) {
         change = size(a1_ - a);
         most = std::max(size(a), size(a1_));
+        from_zero = size(a) <= FIRST_CHANGE * most && change * trial <= FIRST_CHANGE * size(v);
       } else {
         change = INF;
         most = 1.0;
       }
-      if (i + 1 == static_cast<int>(FIRST_TRIALS) || change <= FIRST_CHANGE * most) break;
+      if (from_zero) most = std::sqrt(change / trial * size(v)); // reached while it changes the velocity by its own size
+      if (i + 1 == static_cast<int>(FIRST_TRIALS) || from_zero || change <= FIRST_CHANGE * most) break;
       trial *= 0.25;
     }
     if (std::isfinite(change)) slope_ = (a1_ - a) / std::copysign(trial, t_end - t);
@@ -52,7 +52,26 @@ public:
     return std::copysign(std::max(std::min(time * std::min(1.0, part), control.max_step), least), t_end - t);
   }
 
-  void begin_anew() {
+  // Take over the state of a run with other rows of the constraints, up to the next `begin_anew`.
+  void stand(double t0, double size, const Vec &p0, const Vec &v0) {
+    t = t0;
+    h = size;
+    p = p0;
+    v = v0;
+    lam = Vec::Zero(system_.nc);
+    begun_ = true;
+  }
+
+  // Start, or start again, at a state on the constraints with its acceleration and multipliers.
+  void begin_anew(double t0, const Vec &p0, const Vec &v0, const Vec &a0, const Vec &lam0, double t_end) {
+    t = t0;
+    p = p0;
+    v = v0;
+    a = a0;
+    lam = lam0;
+    used_h = 0.0;
+    used_s = 0;
+    last_.reset();
     control.restart();
     newton.forget();
     slope_.setZero(system_.nv);
@@ -60,6 +79,15 @@ public:
     headway_.restart(t, t);
     shaped_ = resumes_ = false;
     unseen_ = 0;
+    if (fixed()) {
+      divide(t_end);
+    } else if (first != 0.0) {
+      h = std::copysign(std::min({first, std::abs(t_end - t), control.max_step}), t_end - t);
+    } else {
+      const double careful = first_step(t_end), before = begun_ ? std::abs(h) : 0.0;
+      h = std::copysign(std::min(std::max(std::abs(careful), before), RESTARTED * std::abs(careful)), careful);
+    }
+    begun_ = true;
   }
 
   // Forces have jumped: the accelerations that start Newton's iteration change by the same amount.
@@ -75,17 +103,8 @@ public:
   }
 
   template <class Leave> Failure resume(double until, const Leave &) {
-    divide(until);
+    if (fixed()) divide(until);
     return Failure::none;
-  }
-
-  // Fixed steps from here to `t_end`, of the wanted size or slightly smaller.
-  void divide(double t_end) {
-    if (!fixed()) return;
-    steps = std::max(1L, std::lround(std::ceil(std::abs(t_end - t) / step - 1e-9)));
-    start = t;
-    taken = 0;
-    h = (t_end - t) / steps;
   }
 
   // Repeat a step up to another end; null if it fails.
@@ -93,9 +112,17 @@ public:
     return remade(step.shape, step.shape.t, t_end, step.p0, step.v0, step.shape.start);
   }
 
-  // The time of an event between the last checks of `signs`, with its state in `sampler`; false if there is no event.
-  bool locate(Signs &signs, size_t i, double near, double beside, double &root) {
+  // An event between the last two evaluations of `signs`: its time and state, by a step that is repeated up to there.
+  // Nothing if the equations are singular there.
+  std::optional<Located> locate(Signs &signs, size_t i) {
+    if (signs.values[i] == 0.0) {
+      if (signs.end == t) return Located{t, p, v, lam};
+      const auto ending = retake(*last_step(), signs.end);
+      if (!sampler.sample(ending ? ending : last_step(), signs.end)) return {};
+      return Located{signs.end, sampler.p, sampler.v, sampler.lam};
+    }
     bool regular = true;
+    double root;
     const auto g = [&](const Collocations::value_type &of, double at) {
       regular = regular && sampler.look(of, at, signs.with_multipliers);
       return regular ? signs.value(i, at, sampler.p, sampler.v, sampler.lam) : 0.0;
@@ -106,18 +133,19 @@ public:
     const auto &[begin, before, end, after] = between;
     double left = 0.0;
     if (found) {
-      near = std::max(exactly(end), near * std::abs((end - begin) / (signs.end - signs.begin)));
+      const double near = std::max(exactly(end), ROUGHLY * std::abs(end - begin));
       std::tie(root, left) = zero([&](double at) { return g(step, at); }, begin, before, end, after, near);
     } else {
       root = begin;
     }
     const bool at_start = std::abs(root - step->shape.t) < shortest_step(root);
-    const auto again = !regular ? nullptr : at_start ? step : retake(*step, root);
-    if (!again) return false;
-    const double near_by = root - beside * (root - begin), there = g(again, root);
+    auto again = !regular || at_start ? step : retake(*step, root);
+    if (!again) again = step;
+    const double near_by = root - SLOPE_OVER * (root - begin), there = g(again, root); // a Newton step
     const double moved = root - there * (root - near_by) / (left - g(step, near_by));
     if ((moved - begin) * (moved - end) < 0.0) root = moved;
-    return regular && sampler.sample(again, root);
+    if (!regular || !sampler.sample(again, root)) return {};
+    return Located{root, sampler.p, sampler.v, sampler.lam};
   }
 
   // Results of the last step.
@@ -127,22 +155,9 @@ public:
   }
 
   const Vec &velocity() const { return v; }
+  const Vec &multipliers() const { return lam; }
 
   Sampler sampler;
-
-private:
-  // A step within another one, from a state and its acceleration; null if it fails.
-  Collocations::value_type remade(const Shape &guess, double t0, double t_end, const Vec &p0, const Vec &v0, const Vec &a0) {
-    place(guess.table->s, t0, t_end - t0, p0, v0);
-    guess.predict(newton.stages);
-    newton.forget(); // the last step did not end where this one starts
-    const double tol = control.weights(system_, p0, v0, weight_);
-    double error;
-    if (newton.solve(weight_, tol) != Failure::none) return nullptr;
-    if (land(t_end, error, false) != Failure::none) return nullptr;
-    newton.forget();
-    return made(solved_shape(a0, a1_), p1_, v1_);
-  }
 
   // The last step, with its halves where its polynomial is not accurate enough between the ends. Another stepper makes
   // them, so that the run does not depend on who looks inside its steps.
@@ -160,22 +175,13 @@ private:
     return halved ? halved : step;
   }
 
-  Collocations::value_type halved(const Collocation &step) {
-    const Shape &of = step.shape;
-    const double middle = of.t + 0.5 * of.h;
-    const auto first = retake(step, middle);
-    const auto second = first ? remade(of, middle, of.t + of.h, first->p1, first->v1, first->shape.end) : nullptr;
-    if (!second) return nullptr;
-    Collocation to_end = *second, halved = step;
-    to_end.p1 = step.p1;
-    to_end.v1 = step.v1;
-    halved.halves[0] = first;
-    halved.halves[1] = std::make_shared<Collocation>(to_end);
-    return std::make_shared<Collocation>(halved);
+  void prepare_next() {
+    if (fixed() || !turns.rows()) return;
+    const double speed = bdf::fastest_turn(turns, system_.rate(t, p, v));
+    if (speed != 0.0) shorten(std::copysign(std::min(std::abs(h), MAX_CHART_TURN / speed), h));
   }
 
-  friend class Run<RadauStepper, Collocations>;
-
+  // One accepted step towards t_end.
   Failure advance(double t_end) {
     control.reached(system_, p, v);
     double t_next, error, smaller, wanted;
@@ -222,6 +228,36 @@ private:
     headway_.reached(t);
     return Failure::none;
   }
+
+private:
+  // A step within another one, from a state and its acceleration; null if it fails.
+  Collocations::value_type remade(const Shape &guess, double t0, double t_end, const Vec &p0, const Vec &v0, const Vec &a0) {
+    place(guess.table->s, t0, t_end - t0, p0, v0);
+    guess.predict(newton.stages);
+    newton.forget(); // the last step did not end where this one starts
+    const double tol = control.weights(system_, p0, v0, weight_);
+    double error;
+    if (newton.solve(weight_, tol) != Failure::none) return nullptr;
+    if (land(t_end, error, false) != Failure::none) return nullptr;
+    newton.forget();
+    return made(solved_shape(a0, a1_), p1_, v1_);
+  }
+
+  Collocations::value_type halved(const Collocation &step) {
+    const Shape &of = step.shape;
+    const double middle = of.t + 0.5 * of.h;
+    const auto first = retake(step, middle);
+    const auto second = first ? remade(of, middle, of.t + of.h, first->p1, first->v1, first->shape.end) : nullptr;
+    if (!second) return nullptr;
+    Collocation to_end = *second, halved = step;
+    to_end.p1 = step.p1;
+    to_end.v1 = step.v1;
+    halved.halves[0] = first;
+    halved.halves[1] = std::make_shared<Collocation>(to_end);
+    return std::make_shared<Collocation>(halved);
+  }
+
+  friend class Run<RadauStepper, Collocations>;
 
   // The stages of a step to t_next.
   Failure solve(double t_next) {
@@ -421,7 +457,9 @@ private:
     return false;
   }
 
-  // As in dae/unseen.py: the larger of an error and of what the stages miss of forces that bend or jump.
+  // The larger of an error and of what the stages miss of forces that bend or jump. For smooth forces the difference of
+  // the two formulas falls as the error of the step does. Within a step stiff forces undo most of what other forces do to
+  // the velocities they hold. What is missed of a bend falls like h²: a power of it falls like the estimate.
   double with_unseen(double seen) {
     const int nv = system_.nv, nc = system_.nc;
     const double h = newton.stages.h;
@@ -475,14 +513,8 @@ private:
     return std::abs(step) * std::sqrt(sum / nv);
   }
 
-  void prepare_next() {
-    if (fixed() || !turns.rows()) return;
-    const double speed = bdf::fastest_turn(turns, system_.rate(t, p, v));
-    if (speed != 0.0) shorten(std::copysign(std::min(std::abs(h), MAX_CHART_TURN / speed), h));
-  }
   void shorten(double wanted) { h = wanted; }
 
-  const Vec &multipliers() const { return lam; }
   int order() const { return 2 * used_s - 1; }
   void reserve(long, Collocations &) const {}
   void keep(Collocations &curve) { curve.push_back(accurate()); }

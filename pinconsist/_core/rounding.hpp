@@ -1,4 +1,4 @@
-// dae/rounding.py: how far to iterate, when an error is rounding, and when a run makes no progress.
+// How far to iterate, when an error is rounding, and when a run makes no progress.
 #pragma once
 
 #include "kkt.hpp"

@@ -5,6 +5,7 @@
 #include "signs.hpp"
 
 #include <chrono>
+#include <optional>
 
 namespace pinconsist {
 
@@ -20,16 +21,79 @@ template <class Curve> struct StepBatch {
   Curve curve;
 };
 
+// The time of an event and the state there.
+struct Located {
+  double t;
+  Vec p, v, lam;
+};
+
+// The accuracy, s, of a time.
+inline double exactly(double t) { return 4e-16 * std::max(1.0, std::abs(t)); }
+
+// An interval of time and the values of an event's function at its ends.
+struct Bracket {
+  double begin, before, end, after;
+};
+
+// Shorten an interval until g has its sign before the zero at the beginning too; false if it never has.
+template <class G> bool narrowed(const G &g, Bracket &of) {
+  const double left = of.begin;
+  while (std::abs(of.end - left) > shortest_step(of.end)) {
+    const double t = left + SHORTER * (of.end - left), value = g(t);
+    if (value * of.before > 0.0) {
+      of.begin = t;
+      of.before = value;
+      return true;
+    }
+    of.end = t;
+    of.after = value;
+  }
+  return false;
+}
+
+// The zero of g between a and b, where its signs differ, and its value there. By inverse quadratic interpolation or
+// bisection, chosen as by Chandrupatla (Adv. Eng. Softw. 28, 1997); if that takes long, by bisection alone.
+template <class G> std::pair<double, double> zero(const G &g, double a, double fa, double b, double fb, double near) {
+  double part = fa / (fa - fb);
+  if (std::isnan(part)) part = 0.5; // infinite values
+  for (int tries = 1;; ++tries) {
+    const double least = 0.5 * near / std::abs(b - a);
+    const double t = a + std::min(std::max(part, least), 1.0 - least) * (b - a), f = g(t);
+    double c = a, fc = fa;
+    if (!(f * fa > 0.0)) {
+      std::swap(c, b);
+      std::swap(fc, fb);
+    }
+    a = t;
+    fa = f;
+    if (fa == 0.0 || std::abs(b - a) <= near) break;
+    const double x = (a - b) / (c - b), y = (fa - fb) / (fc - fb);
+    part = tries < HALVING && y * y < x && (1.0 - y) * (1.0 - y) < 1.0 - x
+               ? fa / (fa - fb) * fc / (fc - fb) - (c - a) / (b - a) * fa / (fc - fa) * fb / (fb - fc)
+               : 0.5;
+  }
+  return std::abs(fa) < std::abs(fb) ? std::pair{a, fa} : std::pair{b, fb};
+}
+
 // Method has `advance`, `prepare_next`, `shorten`, `order`, `velocity`, `multipliers`, `keep`, `looks`, `look`, `control`.
 template <class Method, class Curve> class Run {
 public:
-  // The state of the run; names as in dae/stepper.py.
+  // The state of the run: time reached, next step and the one before, position.
   double t = 0.0, h = 0.0, used_h = 0.0;
   Vec p;
   Mat turns;
-  // For fixed steps.
-  double start = 0.0;
+  double first = 0.0; // size of the first step; 0 if it is chosen
+  // For fixed steps: their wanted size, where they begin, how many were made, and of how many.
+  double step = 0.0, start = 0.0;
   long taken = 0, steps = 0;
+
+  // Divide the time up to `t_end` into fixed steps of the wanted size or slightly smaller, and at least so many.
+  void divide(double t_end, long least = 1) {
+    steps = std::max(least, std::lround(std::ceil(std::abs(t_end - t) / step - 1e-9)));
+    start = t;
+    taken = 0;
+    h = (t_end - t) / steps;
+  }
 
   // Steps that Python has not read yet.
   StepBatch<Curve> unread;
@@ -101,6 +165,7 @@ public:
 protected:
   explicit Run(System &system) : system_(system) {}
 
+  bool begun_ = false;   // the run has begun before
   bool resumes_ = false; // forces may jump at the current time
   int unseen_ = 0; // remaining evaluations in the last step
 

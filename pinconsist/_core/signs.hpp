@@ -1,4 +1,4 @@
-// dae/events.py: the signs of users' functions along a run.
+// The signs of users' functions along a run.
 #pragma once
 
 #include "system.hpp"

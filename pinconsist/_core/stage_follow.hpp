@@ -1,4 +1,4 @@
-// gradients/stage_leg.py: steps of Radau IIA repeated, and derivatives propagated along them, forwards and backwards.
+// Steps of Radau IIA repeated, and derivatives propagated along them, forwards and backwards.
 #pragma once
 
 #include "radau.hpp"

@@ -1,4 +1,4 @@
-// Motion of gradients/linear.py: derivatives of the steps of Radau IIA.
+// Derivatives of the steps of Radau IIA; the formulas are in linear.hpp.
 #pragma once
 
 #include "charts.hpp"

@@ -1,4 +1,4 @@
-// StageMatrix of dae/radau.py: Newton's matrix in the null space of the constraints, stage by stage.
+// Newton's matrix in the null space of the constraints, stage by stage.
 #pragma once
 
 #include "kkt.hpp"
@@ -192,13 +192,14 @@ private:
     middle_ = known(middle);
     const double ago = begun_ && middle_before_.M.size() ? (stages_.t - middle_before_.t) / stages_.h : 0.0;
     const bool four = ago > NEAREST && ago < FARTHEST;
-    const double x[] = {begun_ ? stages_.t : stages_.time(0), stages_.time(middle), stages_.time(s - 1), middle_before_.t};
+    const auto &c = stages_.table->c; // parts of the step, as times may be rounded
+    const double x[] = {begun_ ? 0.0 : c[0], c[middle], c[s - 1], -ago};
     for (int i = 0; i < s; ++i) {
       if (has_derivatives(i)) continue;
       double l[] = {1.0, 1.0, 1.0, 1.0};
       for (int m = 0; m < 3 + four; ++m)
         for (int n = 0; n < 3 + four; ++n)
-          if (n != m) l[m] *= (stages_.time(i) - x[n]) / (x[m] - x[n]);
+          if (n != m) l[m] *= (c[i] - x[n]) / (x[m] - x[n]);
       const auto blend = [&](std::vector<Mat> &all, Mat Known::*part) {
         all[i] = l[0] * (begun_ ? end_before_.*part : all[0]) + l[1] * all[middle] + l[2] * all[s - 1];
         if (four) all[i] += l[3] * (middle_before_.*part);

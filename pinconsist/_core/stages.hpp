@@ -1,4 +1,4 @@
-// dae/radau.py: the stages of one step of Radau IIA, a column for each.
+// The stages of one step of Radau IIA, a column for each.
 #pragma once
 
 #include "null_space.hpp"

@@ -1,8 +1,10 @@
-// dae/start.py: the first history of a run of variable step.
+// The first history of BDF: equidistant states on steps of Radau IIA.
+//
+// A multistep method that starts at order 1 needs tiny first steps, and at index 3 each change of order disturbs the
+// multipliers. Here its first step already has full order.
 #pragma once
 
-#include "control.hpp"
-#include "index1.hpp"
+#include "radau_stepper.hpp"
 
 namespace pinconsist {
 
@@ -11,95 +13,136 @@ struct History {
   double h = 0.0;
   std::vector<double> t;
   std::vector<Vec> p, v, lam;
+
+  void add(double time, const Vec &position, const Vec &velocity, const Vec &multipliers) {
+    t.push_back(time);
+    p.push_back(position);
+    v.push_back(velocity);
+    lam.push_back(multipliers);
+  }
 };
 
-// The states with which a run begins at the highest order of the control; `turns` as in the stepper.
 class Start {
 public:
-  Start(System &system, Projection &index1, const Control &control, const Mat &turns)
-      : system_(system), index1_(index1), control_(control), turns_(turns), k_(control.max_order) {}
+  Start(System &system, const Switches &switches) : system_(system), radau(system, switches) {}
 
-  // False if the index-1 equations cannot be integrated, or a state cannot be projected onto the constraints. If the first
-  // step is 0, it is chosen here.
-  bool history(double t0, const Vec &p0, const Vec &v0, double t_end, double first_step, History &out) {
-    const int nx = system_.nx;
-    const double speed = bdf::fastest_turn(turns_, system_.rate(t0, p0, v0));
-    const double rtol = START_SHARE * control_.rtol.minCoeff(), atol = START_SHARE * control_.atol.minCoeff();
-    Vec y0 = Vec::Zero(nx + system_.nv);
-    if (system_.vector_like) y0.head(nx) = p0;
-    y0.tail(system_.nv) = v0;
-    OneStep run(index1_, p0, t0, y0, t_end, std::max(rtol, 1e-13), std::max(atol, 1e-14),
-                speed != 0.0 ? START_TURN / speed : INF, true);
-    double longest = 0.0;
-    for (int i = 0; i < static_cast<int>(START_STEPS); ++i) { // the first step is cautious: continue while steps grow
-      if (*run.step()) return false;
-      const bool grows = run.step_size > START_GROWTH * longest;
-      longest = run.step_size;
-      if (run.finished || !grows || turned(run.y.transpose()) > START_TURN) break;
-    }
+  RadauStepper radau;
+
+  // History::h and k + 2 states, k being the highest order of `control`, with an error of BDF within its tolerance.
+  Failure adaptive(double t0, const Vec &p0, const Vec &v0, const Vec &a0, const Vec &lam0, double t_end, double first,
+                   const Control &control, History &out) {
+    const int k = control.max_order;
+    radau.control.max_step = (k + 1) * control.max_step;
+    const bool tight = control.rtol_of_run.minCoeff() <= MOST_STAGES_BELOW;
+    begin(t0, p0, v0, a0, lam0, t_end, tight, (START_SHARE * control.rtol).cwiseMax(1e-12), (START_SHARE * control.atol).cwiseMax(1e-13));
     const double shortest = START_APART * std::max(shortest_step(t0), shortest_step(t_end));
-    while (!run.finished && std::abs(run.t - t0) < (k_ + 1) * shortest)
-      if (*run.step()) return false;
-    double reach = (run.t - t0) / (k_ + 1);
-    while (turned(rows(run, t0, reach).row(k_ + 1)) > START_TURN) reach *= START_SHORTER;
-    double h = first_step != 0.0 ? std::copysign(std::min(std::abs(first_step), std::abs(reach)), reach) : reach;
-    for (int i = 0; i < static_cast<int>(START_TRIES) && first_step == 0.0; ++i) {
-      const double error = error_of(rows(run, t0, h));
-      if (error <= START_ERROR) break;
-      h *= std::max(START_LEAST, SAFETY * std::pow(START_AIM / error, 1.0 / (k_ + 1)));
+    Collocations made;
+    double reach = 0.0, error = 0.0;
+    out.add(t0, p0, v0, lam0);
+    // Its first step is cautious. Equal steps can be told apart only if they are not too short.
+    while (radau.t != t_end && (std::abs(reach) < shortest || (made.size() < START_STEPS && error < START_ERROR))) {
+      radau.prepare_next();
+      const Failure failure = radau.advance(t_end);
+      if (failure != Failure::none) return failure;
+      made.push_back(radau.accurate());
+      reach = (radau.t - t0) / (k + 1);
+      error = error_of(made, p0, t0, reach, control);
     }
-    out.h = std::copysign(std::max(std::min(std::abs(h), control_.max_step), shortest), h);
-    if ((k_ + 1) * std::abs(out.h) < std::abs(t_end - t0)) // else it may lead to the end exactly
-      out.h = representable(t0, out.h);
-    const bool full = std::abs(reach) >= shortest;
-    if (!full) out.h = t_end - t0;
-    return states(full ? rows(run, t0, out.h) : run.sample((Vec(2) << t0, t_end).finished()), t0, p0, v0, out);
+    if (std::abs(reach) < shortest) {
+      out.h = t_end - t0;
+      return add(made, t_end, out);
+    }
+    // Not farther than by the size of the position: the rounding of a far one would be in all differences.
+    double h = reach * std::min(1.0, (1.0 + largest(p0)) / moved(p0, radau.p));
+    if (first != 0.0) {
+      h = std::copysign(std::min(std::abs(first), std::abs(h)), h);
+      error = 0.0;
+    }
+    if (h != reach && first == 0.0) error = error_of(made, p0, t0, h, control);
+    while (error > START_ERROR && std::abs(h) > shortest) {
+      const double factor = std::max(MIN_FACTOR, SAFETY * std::pow(START_ERROR / error, 1.0 / (k + 1)));
+      const double smaller = error_of(made, p0, t0, factor * h, control);
+      if (smaller > error * std::pow(factor, SLOW * (k + 1))) break; // it is rounding
+      h *= factor;
+      error = smaller;
+    }
+    out.h = std::copysign(std::max(std::min(std::abs(h), control.max_step), shortest), h);
+    if ((k + 1) * std::abs(out.h) < std::abs(t_end - t0)) out.h = representable(t0, out.h); // else it may lead to the end exactly
+    for (int i = 1; i < k + 2; ++i) {
+      const Failure failure = add(made, t0 + i * out.h, out);
+      if (failure != Failure::none) return failure;
+    }
+    return Failure::none;
+  }
+
+  // So many states at a given distance, accurate to rounding if the accelerations are smooth enough.
+  Failure fixed(double t0, const Vec &p0, const Vec &v0, const Vec &a0, const Vec &lam0, double h, int number, History &out) {
+    out.h = h;
+    out.add(t0, p0, v0, lam0);
+    const Vec tolerances = Vec::Constant(system_.nx + system_.nv, 1e-13);
+    radau.control.max_step = INF;
+    begin(t0, p0, v0, a0, lam0, t0 + h * (number - 1), true, tolerances, 0.1 * tolerances);
+    for (int i = 1; i < number; ++i) {
+      const double t = t0 + i * h;
+      while (radau.t != t) {
+        radau.prepare_next();
+        const Failure failure = radau.advance(t);
+        if (failure != Failure::none) return failure;
+      }
+      out.add(t, radau.p, radau.v, radau.lam);
+    }
+    return Failure::none;
   }
 
 private:
-  Table rows(const OneStep &run, double t0, double h) const {
-    return run.sample(Vec::LinSpaced(k_ + 2, 0.0, k_ + 1.0) * h + Vec::Constant(k_ + 2, t0));
+  void begin(double t0, const Vec &p0, const Vec &v0, const Vec &a0, const Vec &lam0, double t_end, bool tight, const Vec &rtol, const Vec &atol) {
+    radau.control.set(rtol, atol, 0);
+    if (tight) radau.control.use(static_cast<int>(MOST_STAGES));
+    radau.control.sizes = Vec::Zero(system_.nx + system_.nv);
+    radau.begin_anew(t0, p0, v0, a0, lam0, t_end);
   }
 
-  template <class Row> double turned(const Row &row) const {
-    return bdf::fastest_turn(turns_, row.head(system_.nx).transpose());
+  // The largest distance of a coordinate between two positions.
+  double moved(const Vec &from, const Vec &to) const {
+    Vec xi(system_.nx);
+    if (system_.vector_like) xi = to - from;
+    else system_.difference(from, to, xi);
+    return std::max(largest(xi), 1e-300);
   }
 
-  // The local error from equidistant rows [ξ | v], oldest first.
-  double error_of(const Table &rows) const {
-    const Vec size = rows.cwiseAbs().colwise().maxCoeff().transpose();
-    const Vec weight = (control_.atol + control_.rtol.cwiseProduct(size)).cwiseInverse();
-    const Vec last = (bdf::differences(k_ + 1).row(k_ + 1) * rows.colwise().reverse()).transpose();
-    return control_.error_in(system_, last, k_, weight);
+  static const Collocations::value_type &holder_of(const Collocations &made, double t) {
+    size_t i = 0;
+    while (i + 1 < made.size() && (made[i + 1]->shape.t - t) * made[i]->shape.h < 0.0) ++i;
+    return made[i];
   }
 
-  bool states(const Table &rows, double t0, const Vec &p0, const Vec &v0, History &out) {
-    const int nx = system_.nx;
-    Vec p = p0, v = v0, a, lam;
-    for (Eigen::Index i = 0; i < rows.rows(); ++i) {
-      const double t = t0 + i * out.h;
-      if (i) {
-        if (system_.vector_like) p = rows.row(i).head(nx).transpose();
-        else system_.integrate(p0, rows.row(i).head(nx).transpose(), p);
-        const State closed = index1_.project(t, p, rows.row(i).tail(system_.nv).transpose());
-        if (*closed.failure) return false;
-        p = closed.p;
-        v = closed.v;
-      }
-      if (!index1_.acceleration(t, p, v, a, lam) || !a.allFinite() || !lam.allFinite()) return false;
-      out.t.push_back(t);
-      out.p.push_back(p);
-      out.v.push_back(v);
-      out.lam.push_back(lam);
+  Failure add(const Collocations &made, double t, History &out) {
+    Sampler &at = radau.sampler;
+    if (!at.sample(holder_of(made, t), t)) return Failure::singular;
+    out.add(t, at.p, at.v, at.lam);
+    return at.p.allFinite() && at.v.allFinite() && at.lam.allFinite() ? Failure::none : Failure::not_finite;
+  }
+
+  // The local error of BDF on states at this distance.
+  double error_of(const Collocations &made, const Vec &p0, double t0, double h, const Control &control) {
+    const int k = control.max_order, nx = system_.nx;
+    Sampler &at = radau.sampler;
+    Table rows(k + 2, nx + system_.nv); // the last state first
+    Vec xi(nx);
+    for (int i = 0; i < k + 2; ++i) {
+      const double t = t0 + i * h;
+      at.look(holder_of(made, t), t, false);
+      if (system_.vector_like) xi = at.p;
+      else system_.difference(p0, at.p, xi);
+      rows.row(k + 1 - i) << xi.transpose(), at.v.transpose();
     }
-    return true;
+    const Vec size = rows.cwiseAbs().colwise().maxCoeff().transpose();
+    const Vec weight = (control.atol + control.rtol.cwiseProduct(size)).cwiseInverse();
+    const Vec last = (bdf::differences(k + 1).row(k + 1) * rows).transpose();
+    return control.error_in(system_, last, k, weight);
   }
 
   System &system_;
-  Projection &index1_;
-  const Control &control_;
-  const Mat &turns_;
-  const int k_;
 };
 
 } // namespace pinconsist

@@ -1,4 +1,4 @@
-// dae/stepper.py: a multistep run.
+// A multistep run.
 #pragma once
 
 #include "run.hpp"
@@ -16,6 +16,8 @@ struct TableCurve {
 class Stepper : public Run<Stepper, TableCurve> {
 public:
   int k = 1, used_k = 0;
+  int points = 1; // of the polynomial of the last step, or of the history
+  double t_old = 0.0;
   Vec y, base;
   Table Z;
   Choice choice{0.0, 1};
@@ -23,24 +25,86 @@ public:
   Newton newton;
 
   Stepper(System &system, bool correct, const Switches &switches)
-      : Run(system), newton(system, correct, switches), kkt_(system.nv, system.nc), index1_(system) {
+      : Run(system), newton(system, correct, switches), start_(system, switches), kkt_(system.nv, system.nc), index1_(system) {
     control.keep_weights = switches.kept_weights;
   }
 
-  // See Start.
-  bool history(double t0, const Vec &p0, const Vec &v0, double t_end, double first_step, History &out) {
-    return Start(system_, index1_, control, turns).history(t0, p0, v0, t_end, first_step, out);
+  // Start, or start again, at a state with its acceleration and multipliers. The run is at the end of the history then.
+  Failure begin(double t0, const Vec &p0, const Vec &v0, const Vec &a0, const Vec &lam0, double t_end, History &past) {
+    k = control.max_order;
+    t = t0;
+    start_.radau.turns = turns;
+    Failure failure;
+    if (fixed()) {
+      const bool again = begun_ && std::abs(t_end - t0) > 1e-3 * step; // too few rows would make a poor interpolant
+      divide(t_end, again ? k : 1);
+      failure = start_.fixed(t0, p0, v0, a0, lam0, h, static_cast<int>(std::min<long>(k, steps + 1)), past);
+    } else {
+      failure = start_.adaptive(t0, p0, v0, a0, lam0, t_end, first, control, past);
+    }
+    count_start();
+    if (failure != Failure::none) return failure;
+    if (std::abs(past.t.back() - t_end) <= 1e-9 * std::abs(past.h)) past.t.back() = t_end; // else a tiny step would be left
+    follow(past);
+    return Failure::none;
   }
 
-  // Forget everything: the run starts, or starts again.
-  void begin_anew(double start) {
-    control.restart();
-    newton.forget();
-    rounding_.restart();
-    on_trial_ = resumes_ = false;
-    unseen_ = 0;
-    headway_.restart(start, t);
+  // Take over the state of a run with other rows of the constraints, up to the next `begin`.
+  void stand(double t0, double step, const Vec &p0, const Vec &v0) {
+    t = t0;
+    h = step;
+    p = p0;
+    k = control.max_order;
+    y = Vec::Zero(system_.nx + system_.nv + system_.nc);
+    y.segment(system_.nx, system_.nv) = v0;
+    begun_ = true;
   }
+
+  // The state at the end of the next step, not corrected, and iterated to rounding.
+  Failure trial(Vec &p1, Vec &v1) {
+    Vec centre = base;
+    Table table = Z;
+    bdf::predict(system_, k, centre, table, predicted_, psi_);
+    const double tol = rounding_weights(system_, predicted_, weight_);
+    newton.attempt(t + h, centre, psi_, predicted_, h / bdf::alpha(k), weight_, tol, attempt_);
+    newton.forget();
+    p1 = attempt_.p;
+    v1 = attempt_.y.segment(system_.nx, system_.nv);
+    return attempt_.failure;
+  }
+
+  // Continue with other velocities of the history, oldest first.
+  void take_velocities(const Table &velocities) {
+    const auto n = velocities.rows();
+    Z.block(0, system_.nx, n, system_.nv) = bdf::differences(static_cast<int>(n) - 1) * velocities.colwise().reverse();
+    y = Z.row(0).transpose();
+  }
+
+  // The state within the last step, or the history.
+  Located inside(double at) const {
+    if (at == t) return {t, p, velocity(), multipliers()};
+    Vec all = Z.row(0).transpose(), place = all.head(system_.nx);
+    double basis = 1.0;
+    for (int j = 1; j < points; ++j) all += (basis *= ((at - t) / used_h + j - 1) / j) * Z.row(j).transpose();
+    if (system_.vector_like) place = all.head(system_.nx);
+    else system_.integrate(base, all.head(system_.nx), place);
+    return {at, place, all.segment(system_.nx, system_.nv), all.tail(system_.nc)};
+  }
+
+  // An event between the last two evaluations of `signs`: its time and state.
+  std::optional<Located> locate(Signs &signs, size_t i) {
+    const auto g = [&](double at) {
+      const Located here = inside(at);
+      return signs.value(i, at, here.p, here.v, here.lam);
+    };
+    if (signs.values[i] == 0.0) return inside(signs.end);
+    Bracket between{signs.begin, signs.before[i], signs.end, signs.values[i]};
+    if (signs.leaves(i) && !narrowed(g, between)) return inside(between.begin);
+    const auto &[begin, before, end, after] = between;
+    return inside(zero(g, begin, before, end, after, exactly(end)).first);
+  }
+
+  Vec multipliers() const { return y.tail(system_.nc); }
 
   Vec velocity() const { return y.segment(system_.nx, system_.nv); }
 
@@ -62,10 +126,27 @@ private:
   // The run starts again from here towards `until`; `leave` is called with each state of its history.
   template <class Leave> Failure resume(double until, const Leave &leave) {
     History past;
-    if (!history(t, p, velocity(), until, 0.0, past)) return Failure::no_start;
+    Vec a, lam;
+    const Vec p0 = p, v0 = velocity();
+    if (!index1_.acceleration(t, p0, v0, a, lam)) return Failure::singular;
+    const Failure failure = begin(t, p0, v0, a, lam, until, past);
+    if (failure != Failure::none) return failure;
+    for (size_t i = 1; i < past.t.size() && leave(past.t[i], past.p[i], past.v[i], past.lam[i]); ++i) {}
+    return Failure::none;
+  }
+
+  // Continue from a history.
+  void follow(const History &past) {
     const size_t n = past.t.size();
-    if (std::abs(past.t.back() - until) <= 1e-9 * std::abs(past.h)) past.t.back() = until;
-    begin_anew(std::exchange(t, past.t.back()));
+    control.restart();
+    newton.forget();
+    rounding_.restart();
+    on_trial_ = resumes_ = false;
+    unseen_ = 0;
+    t_old = past.t.front();
+    t = past.t.back();
+    headway_.restart(t_old, t);
+    taken = static_cast<long>(n) - 1;
     p = base = past.p.back();
     Table rows(n, system_.nx + system_.nv + system_.nc);
     Vec xi(system_.nx);
@@ -75,14 +156,27 @@ private:
       else system_.difference(base, past.p[at], xi);
       rows.row(i) << xi.transpose(), past.v[at].transpose(), past.lam[at].transpose();
     }
-    Z.setZero();
+    Z.setZero(bdf::ROWS, rows.cols());
     Z.topRows(n) = bdf::differences(static_cast<int>(n) - 1) * rows;
     y = Z.row(0).transpose();
-    choice = {h = past.h, k = control.max_order};
+    h = past.h;
+    choice = {h, k};
     used_h = h;
     used_k = 0;
-    for (size_t i = 1; i < n && leave(past.t[i], past.p[i], past.v[i], past.lam[i]); ++i) {}
-    return Failure::none;
+    points = static_cast<int>(n);
+    changed_.resize(0, 0);
+    begun_ = true;
+  }
+
+  void count_start() {
+    StageNewton &of = start_.radau.newton;
+    newton.nfev += std::exchange(of.nfev, 0);
+    newton.njev += std::exchange(of.njev, 0);
+    newton.nlu += std::exchange(of.nlu, 0);
+    if (!of.culprit_p.size()) return;
+    newton.culprit_t = of.culprit_t;
+    newton.culprit_p = of.culprit_p;
+    newton.culprit_v = of.culprit_v;
   }
 
   Failure advance(double t_end) {
@@ -120,11 +214,13 @@ private:
       rescale(smaller, order);
     }
     bdf::advance(k, attempt_.change, Z);
+    t_old = t;
     t = t_next;
     std::swap(p, attempt_.p);
     std::swap(y, attempt_.y);
     used_h = h;
     used_k = k;
+    points = k + 1;
     ++taken;
     newton.largest_force = std::max(newton.largest_force, attempt_.force);
     if (rounding) {
@@ -199,17 +295,11 @@ private:
 
   int looks() const { return static_cast<int>(LOOKS_OF_BDF); }
   bool look(Signs &signs, double at) {
-    if (at == t) return signs.look(t, p, velocity(), multipliers()), true;
-    Vec inside = Z.row(0).transpose(), place = inside.head(system_.nx);
-    double basis = 1.0;
-    for (int j = 1; j <= used_k; ++j) inside += (basis *= ((at - t) / used_h + j - 1) / j) * Z.row(j).transpose();
-    if (system_.vector_like) place = inside.head(system_.nx);
-    else system_.integrate(base, inside.head(system_.nx), place);
-    signs.look(at, place, inside.segment(system_.nx, system_.nv), inside.tail(system_.nc));
+    const Located here = inside(at);
+    signs.look(at, here.p, here.v, here.lam);
     return true;
   }
 
-  Vec multipliers() const { return y.tail(system_.nc); }
   int order() const { return used_k; }
   void reserve(long steps, TableCurve &curve) const {
     curve.bases.reserve(steps * base.size());
@@ -224,6 +314,7 @@ private:
     put(curve.tables, Z);
   }
 
+  Start start_;
   RoundingTest rounding_;
   bool on_trial_ = false; // the next step is longer than the last accepted or tried one
   KKT kkt_; // of the rounding test

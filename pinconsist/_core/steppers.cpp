@@ -69,15 +69,20 @@ template <class Curve> nb::object in_python(const char *failure, nb::object erro
 // Members of both steppers.
 template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) {
   bound.def_ro("t", &Stepper::t)
-      .def_rw("h", &Stepper::h)
+      .def_ro("h", &Stepper::h)
       .def_prop_ro("p", [](const Stepper &s) { return array(s.p); })
+      .def_prop_ro("velocity", [](const Stepper &s) { return array(Vec(s.velocity())); })
+      .def_prop_ro("multipliers", [](const Stepper &s) { return array(Vec(s.multipliers())); })
       .def_rw("turns", &Stepper::turns)
+      .def("stand", &Stepper::stand)
+      .def_rw("first", &Stepper::first)
+      .def_rw("step", &Stepper::step)
       .def_prop_ro("sizes", [](const Stepper &s) { return array(s.control.sizes); })
-      .def("fix_step",
-           [](Stepper &s, double start, long taken, long steps) {
-             s.start = start;
-             s.taken = taken;
-             s.steps = steps;
+      .def("locate", // the time of an event, and p, v, λ there; None where the equations are singular
+           [](Stepper &s, Signs &signs, size_t i) -> nb::object {
+             const auto found = s.locate(signs, i);
+             if (!found) return nb::none();
+             return nb::make_tuple(found->t, nb::make_tuple(array(found->p), array(found->v), array(found->lam)));
            })
       .def("watched", [](Stepper &s, Signs &signs) { return name_of(s.watched(signs)); })
       .def("work", // since the last call
@@ -133,46 +138,40 @@ void bind_bdf(nb::module_ &m) {
           },
           "system"_a, "correct"_a, "switches"_a, nb::keep_alive<1, 2>())
       .def_ro("k", &Stepper::k)
-      .def_prop_ro("y", [](const Stepper &s) { return array(s.y); })
+      .def_ro("t_old", &Stepper::t_old)
+      .def_ro("used_h", &Stepper::used_h)
+      .def_ro("points", &Stepper::points)
       .def_prop_ro("base", [](const Stepper &s) { return array(s.base); })
       .def_prop_ro("Z", [](const Stepper &s) { return array(s.Z); })
-      .def("begin",
-           [](Stepper &s, double start, double t, double h, int k, const Vec &p, const Vec &y, const Vec &base,
-              const Table &Z) {
-             s.t = t;
-             s.choice = {s.h = h, s.k = k};
-             s.p = p;
-             s.y = y;
-             s.base = base;
-             s.Z = Z;
-             s.begin_anew(start);
-           })
-      .def("history", // its step, and t, p, v, λ of each state; None without a history
-           [](Stepper &s, const System &system, double t, const Vec &p, const Vec &v, double t_end, double first_step) -> nb::object {
+      .def("begin", // why it failed, and t, p, v, λ of the states of the history
+           [](Stepper &s, const System &system, double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, double t_end) {
              History past;
-             bool found = false;
-             released(system.calls_python(), [&] {
-               found = s.history(t, p, v, t_end, first_step, past);
-               return Failure::none;
-             });
-             if (!found) return nb::none();
+             const Failure failure = released(system.calls_python(), [&] { return s.begin(t, p, v, a, lam, t_end, past); });
              nb::list states;
              for (size_t i = 0; i < past.t.size(); ++i)
                states.append(nb::make_tuple(past.t[i], array(past.p[i]), array(past.v[i]), array(past.lam[i])));
-             return nb::make_tuple(past.h, states);
+             return nb::make_tuple(name_of(failure), states);
            })
-      .def("control_error",
-           [](Stepper &s, const Vec &rtol, const Vec &atol, const Vec &sizes, int max_order, double max_step,
-              bool noise) {
-             s.control.rtol = rtol;
-             s.control.atol = atol;
-             s.control.sizes = sizes;
-             s.control.max_order = max_order;
-             s.control.max_step = max_step;
-             s.control.noise = noise;
-             s.control.sums_up = rtol.cwiseMax(atol).array().pow(-1.0 / (max_order + 1));
-             s.newton.rtol_force = FORCES * std::pow(rtol.minCoeff(), max_order / (max_order + 1.0));
-           });
+      .def("trial", // p and v of an uncorrected step, and why it failed
+           [](Stepper &s) {
+             Vec p, v;
+             const Failure failure = s.trial(p, v);
+             return nb::make_tuple(array(p), array(v), name_of(failure));
+           })
+      .def("inside", // p, v, λ at a time of the last step, or of the history
+           [](const Stepper &s, double t) {
+             const Located here = s.inside(t);
+             return nb::make_tuple(array(here.p), array(here.v), array(here.lam));
+           })
+      .def("take_velocities", &Stepper::take_velocities)
+      .def("fix_order", [](Stepper &s, int order) { s.control.max_order = order; })
+      .def("control_error", [](Stepper &s, const Vec &rtol, const Vec &atol, const Vec &sizes, int max_order, double max_step, bool noise) {
+        s.control.set(rtol, atol, max_order);
+        s.control.sizes = sizes;
+        s.control.max_step = max_step;
+        s.control.noise = noise;
+        s.newton.rtol_force = FORCES * std::pow(s.control.rtol.minCoeff(), max_order / (max_order + 1.0));
+      });
 }
 
 void bind_radau(nb::module_ &m) {
@@ -181,47 +180,23 @@ void bind_radau(nb::module_ &m) {
   stepper.def("__init__", [](RadauStepper *self, System &system, nb::object switches) {
              new (self) RadauStepper(system, switches_of(switches));
            }, "system"_a, "switches"_a, nb::keep_alive<1, 2>())
-      .def_prop_ro("s", [](const RadauStepper &s) { return s.control.s; })
-      .def_prop_ro("v", [](const RadauStepper &s) { return array(s.v); })
-      .def_prop_ro("a", [](const RadauStepper &s) { return array(s.a); })
-      .def_prop_ro("lam", [](const RadauStepper &s) { return array(s.lam); })
+      .def_prop_ro("k", [](const RadauStepper &s) { return 2 * s.control.s - 1; })
       .def_prop_ro("last_step", [](RadauStepper &s) { return StageCurve{{s.last_step()}}; })
-      .def("locate", // None if the states have no value there
-           [](RadauStepper &s, Signs &signs, size_t i, double near, double beside) -> nb::object {
-             double root;
-             if (!s.locate(signs, i, near, beside, root)) return nb::none();
-             return nb::make_tuple(root, nb::make_tuple(array(s.sampler.p), array(s.sampler.v), array(s.sampler.lam)));
-           })
-      .def("first_step", &RadauStepper::first_step)
       .def("jump", [](RadauStepper &s) { return s.jump() == Failure::none; })
-      .def("divide",
-           [](RadauStepper &s, double step, double t_end) {
-             s.step = step;
-             s.divide(t_end);
-           })
-      .def("allow",
-           [](RadauStepper &stepper, int s, double newton_factor, double slack) {
-             stepper.control.of_stages[s] = {newton_factor, slack};
-           })
+      .def("divide", &RadauStepper::divide, "t_end"_a, "least"_a = 1)
       .def("begin",
-           [](RadauStepper &s, double t, int stages, const Vec &p, const Vec &v, const Vec &a, const Vec &lam) {
-             s.t = t;
-             if (stages != s.control.s) s.control.use(stages);
-             s.p = p;
-             s.v = v;
-             s.a = a;
-             s.lam = lam;
-             s.begin_anew();
+           [](RadauStepper &s, const System &system, double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, double t_end) {
+             released(system.calls_python(), [&] {
+               s.begin_anew(t, p, v, a, lam, t_end);
+               return Failure::none;
+             });
            })
-      .def("control_error",
-           [](RadauStepper &s, const Vec &rtol, const Vec &atol, const Vec &sizes, double max_step, bool chooses, bool worth_most) {
-             s.control.rtol_of_run = rtol;
-             s.control.atol_of_run = atol;
-             s.control.sizes = sizes;
-             s.control.max_step = max_step;
-             s.control.chooses = chooses;
-             s.control.worth_most = worth_most;
-           });
+      .def("fix_stages", [](RadauStepper &s, int stages) { s.control.use(stages); })
+      .def("control_error", [](RadauStepper &s, const Vec &rtol, const Vec &atol, const Vec &sizes, int stages, double max_step) {
+        s.control.set(rtol, atol, stages);
+        s.control.sizes = sizes;
+        s.control.max_step = max_step;
+      });
 
   nb::class_<StageCurve>(m, "StageCurve")
       .def("first", [](const StageCurve &curve, size_t n) { return StageCurve{{curve.steps.begin(), curve.steps.begin() + n}}; })

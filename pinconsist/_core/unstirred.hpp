@@ -1,4 +1,8 @@
-// unstirred of dae/unseen.py: the part of a projection of velocities that is along stiff forces.
+// The part of a projection of velocities that is along stiff forces.
+//
+// The projection moves the velocities as an impulse does. Along stiff forces, of which the stages are free, this is an
+// error of the order of the stages, which lasts for a moment only but is felt by the multipliers. With
+// A = M + c D + c² K, c = h/STIFF, it is (A⁻¹ (A - M))² Δv, restricted to W x = 0.
 #pragma once
 
 #include "kkt.hpp"

@@ -7,13 +7,13 @@ Newton's corrections decrease at once, and det B keeps its sign: det B vanishes 
 assembly modes meet, and only there. In C++: ``_core/closure.hpp``.
 """
 
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
-from scipy.linalg import LinAlgError, lu_factor, lu_solve, qr
+from scipy.linalg import qr
 
-from .._core import load
-from .._core.compiled_system import compiled_system
+from .._core import required
+from .._core.systems import compiled_system
 from ..mechanism.rank import HELD, free_motions, null_space
 from ..mechanism.system import MechanismSystem
 from .variations import step_sizes
@@ -55,22 +55,17 @@ class Coordinates:
             free = qr(rest.T, mode="r", pivoting=True)[1][: rest.shape[1]] if rest.size else np.zeros(0, int)
         self.columns = np.array([*motors[self.own], *np.sort(free)], dtype=int)
         self.p = np.setdiff1d(np.arange(system.nv), self.columns)
-        self._compiled = compiled_system(system) if load()[0] is not None else None
-        self.rows = partial(_rows, system) if self._compiled is None else self._compiled.rows
+        self._compiled = compiled_system(system)
+        self.rows = self._compiled.rows
 
     @cached_property
     def follower(self):
         """The follower of paths along these coordinates."""
-        if self._compiled is None:
-            return Follower(self.rows, self.system.integrate, self.columns, self.sizes)
-        return load()[0].ClosureFollower(self._compiled, self.columns.tolist(), self.sizes, list(NUMBERS))
+        return required().ClosureFollower(self._compiled, self.columns.tolist(), self.sizes, list(NUMBERS))
 
     def dynamics(self, t, q, v):
         """M, the inertial forces and weights minus τ of the forces, J, and J̇ v at a state."""
-        if self._compiled is not None:
-            return self._compiled.dynamics(t, q, v)
-        f, _, G, _ = self.system.evaluate(t, q, v, np.zeros(self.system.nv))
-        return self.system.mass_matrix(q), f, G.T, self.system.acceleration_bias(t, q, v)
+        return self._compiled.dynamics(t, q, v)
 
     def basis(self, J):
         """(Z, B⁻¹), or None if B is singular; columns of Z (nv, n) are velocities for unit coordinate velocities."""
@@ -102,80 +97,3 @@ class Coordinates:
         free = free_motions(self._solver.rows(q)[1], self._solver.loop_rows.turns)
         _, sizes, Vt = np.linalg.svd(free[self._motors if columns is None else columns])
         return np.append(sizes, np.zeros(len(Vt) - len(sizes))), free @ Vt.T
-
-
-def _rows(system, q):
-    phi, _ = system.constraint(0.0, q, np.zeros(system.nv))
-    return phi, system.evaluate(0.0, q, np.zeros(system.nv), np.zeros(system.nv))[2].T
-
-
-class Follower:
-    """Follows the configurations of a mechanism along a path of its coordinates.
-
-    `rows` is a function q → (Φ, J) of independent rows, `integrate` a function of (q, δq), and `sizes` (nv,) are the
-    changes that count as one radian. There are as many rows as dependent velocities.
-    """
-
-    def __init__(self, rows, integrate, coordinates, sizes):
-        self._rows, self._integrate, self._sizes = rows, integrate, sizes
-        self._y = np.array(coordinates, dtype=int)
-        self._p = np.setdiff1d(np.arange(len(sizes)), self._y)
-
-    def follow(self, q, way):
-        """(configuration, completed fraction of `way`) from a closed `q`; `way` are increments of the coordinates."""
-        here = self._factors(self._rows(q)[1])
-        length, share, part = np.max(np.abs(way) / self._sizes[self._y], initial=0.0), 0.0, 1.0
-        for _ in range(TRIES if here is not None else 0):
-            if share == 1.0:
-                break
-            is_short = part < 1.0 and part * length < SHORTEST  # reduced, not just the rest of the path
-            last = part >= 1.0 - share
-            part = min(part, 1.0 - share)
-            found, longer = self._step(q, here, part * way, is_short)
-            if found is not None:
-                (q, here), share = found, 1.0 if last else share + part
-            elif part * length < OUTWARD * SHORTEST:
-                break
-            part *= longer
-        return q, share
-
-    def _factors(self, J):
-        """J_y, LU factors of B, and the sign and logarithm of its determinant; None if B is singular."""
-        B = J[:, self._p]
-        try:
-            lu, pivots = lu_factor(B, check_finite=False)
-        except (LinAlgError, ValueError):
-            return None
-        diagonal = np.diagonal(lu)
-        if not np.isfinite(lu).all() or (diagonal == 0.0).any():
-            return None
-        odd = np.count_nonzero(diagonal < 0.0) + np.count_nonzero(pivots != np.arange(len(pivots)))
-        return J[:, self._y], (lu, pivots), odd % 2, np.sum(np.log(np.abs(diagonal)))
-
-    def _moved(self, q, of_p, of_y=0.0):
-        change = np.zeros(len(self._sizes))
-        change[self._p], change[self._y] = of_p, of_y
-        return self._integrate(q, change), np.max(np.abs(change) / self._sizes, initial=0.0)
-
-    def _step(self, q, here, move, is_short):
-        """((configuration, its factors) or None, factor of the next step size)."""
-        J_y, lu, sign, size_of_B = here
-        q, size = self._moved(q, -lu_solve(lu, J_y @ move, check_finite=False), move)
-        if not size <= LONGEST:
-            return None, max(LEAST, LONGEST / size)
-        longer, last = 0.5, 0.0
-        for i in range(MOST):
-            phi, J = self._rows(q)
-            there = self._factors(J)
-            if there is None:
-                return None, 0.5
-            q, correction = self._moved(q, -lu_solve(there[1], phi, check_finite=False))
-            if i == 0:  # the miss is of second order
-                longer = np.clip(AIM * MISS * size / max(correction, ENOUGH), LEAST, FURTHER)
-            if not (correction <= ENOUGH or correction <= (MISS * size if i == 0 else SHRINK * last)):
-                return None, min(longer, 0.5)
-            if correction <= ENOUGH:
-                crossed = there[2] != sign or (is_short and there[3] < size_of_B)
-                return (None, 0.5) if crossed else ((q, there), max(longer, 1.0))
-            last = correction
-        return None, 0.5

@@ -18,7 +18,6 @@ from math import comb
 
 import numpy as np
 
-from .charts import recenter
 from .tuning import MAX_ORDER
 
 ROWS = MAX_ORDER + 3  # of a table: ∇⁰y to ∇ᵏ⁺²y, and zeros
@@ -32,40 +31,9 @@ def alpha(k: int) -> float:
 
 
 @cache
-def error_constant(k: int) -> float:
-    """C with local error ≈ C ∇ᵏ⁺¹y."""
-    return 1.0 / (k + 1)
-
-
-@cache
-def predictor(k: int) -> np.ndarray:
-    """(2, k+1): its product with Z[:k+1] is the prediction and ψ."""
-    weights = np.ones((2, k + 1))
-    weights[1] -= GAMMA[: k + 1] / alpha(k)
-    return _frozen(weights)
-
-
-@cache
-def advance(k: int) -> np.ndarray:
-    """(ROWS, ROWS): maps a table whose row k+2 holds y_{n+1} minus its prediction to the table at n+1."""
-    T = np.zeros((ROWS, ROWS))
-    for j in range(k + 1):
-        T[j, j : k + 1] = 1.0
-        T[j, k + 2] = 1.0
-    T[k + 1, k + 2] = 1.0
-    T[k + 2, k + 1 : k + 3] = (-1.0, 1.0)
-    return _frozen(T)
-
-
-@cache
 def differences(k: int) -> np.ndarray:
     """(k+1, k+1): maps past values y_n, y_{n-1}, ..., y_{n-k} to differences, and differences back to values."""
     return _frozen(np.array([[(-1.0) ** i * comb(j, i) for i in range(k + 1)] for j in range(k + 1)]))
-
-
-def rescale(k: int, factor: float) -> np.ndarray:
-    """(k+1, k+1): maps Z[:k+1] to the differences for step factor·h of the same interpolating polynomial."""
-    return differences(k) @ interpolate(k, -factor * np.arange(k + 1))
 
 
 def interpolate(k: int, s) -> np.ndarray:
@@ -75,17 +43,6 @@ def interpolate(k: int, s) -> np.ndarray:
     for j in range(1, k + 1):
         basis[..., j] = basis[..., j - 1] * (s + j - 1) / j
     return basis
-
-
-def predict(system, k, base, Z):
-    """(chart centre, prediction, ψ); moves the table to the chart at the predicted position if there are charts."""
-    predicted, psi = predictor(k).dot(Z[: k + 1])
-    if system.vector_like:
-        return predicted[: system.nx], predicted, psi
-    centre = system.integrate(base, predicted[: system.nx])
-    recenter(system, base, centre, Z[: k + 2], differences(k + 1))
-    predicted, psi = predictor(k) @ Z[: k + 1]
-    return centre, predicted, psi
 
 
 def _frozen(array):

@@ -49,22 +49,6 @@ BERNOULLI = [float(-2.0 * (-1.0) ** n * zeta(2 * n) / (2.0 * pi) ** (2 * n)) for
 """B₂ₙ/(2n)!, the coefficients of x/2 coth(x/2)."""
 
 
-def table_row(system, base, p, v, lam):
-    """[ξ | v | λ] of a state: ξ is the position itself, or its coordinates in the chart at `base`."""
-    xi = p if system.vector_like else system.difference(base, p)
-    return np.concatenate((xi, v, lam))
-
-
-def recenter(system, base, new_base, Z, D) -> None:
-    """Move the position columns of a table Z from the chart at `base` to the chart at `new_base`, in place.
-
-    The values behind the differences, D Z, are converted one by one, which keeps the order of the method without any
-    derivative of the exponential; D maps differences to values and values to differences.
-    """
-    past = D @ Z[:, : system.nx]
-    Z[:, : system.nx] = D @ np.array([system.difference(new_base, system.integrate(base, xi)) for xi in past])
-
-
 def turning_coordinates(system, p):
     """(joints, nx) of zeros and ones: for each joint the tangent coordinates that return after 2π."""
     joints, nx = {}, system.nx

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from numbers import Real
 from types import FunctionType
 from typing import NamedTuple, NoReturn
@@ -14,13 +13,11 @@ from ..errors import InputError, PinconsistError, UserFunctionError, warn
 from .arguments import may_read
 from .norms import EPS, largest
 from .rounding import shortest_step
-from .tuning import AT_ONCE, FLIGHT, FLIGHTS, HALVING, ROUNDED_FLIGHT, SHORTER
+from .tuning import AT_ONCE, FLIGHT, FLIGHTS, ROUNDED_FLIGHT
 
 SAME_TIME = 1e-13  # relative: events closer than this are simultaneous
-BESIDE = 1e-3  # distance before a root at which the slope is measured, relative to the search interval
 STOPPED = 1e-9  # rate of a function after an event, relative to that before, that counts as zero
 TOUCHING = 1e-9  # rad or m: gap of an impact that counts as closed
-ROUGHLY = 1e-7  # accuracy of a root before a Newton step, relative to the step
 STILL = 1e-9  # change of velocities by a projection, relative to them and 1 rad/s or m/s, that is no jump
 SET, SMALL = 1e-2, 1e-3  # change of a velocity that was set, relative to it and to the largest, that is told
 
@@ -95,67 +92,6 @@ def as_events(events, mechanism=None) -> tuple[Event, ...]:
 def one_sided(event) -> bool:
     """Whether an event's function cannot become negative: that of an impact."""
     return getattr(event.apply, "one_sided", False)
-
-
-class Signs:
-    """The signs of the event functions at successive times of a run.
-
-    Attributes
-    ----------
-    begin, end, before, values : float, float, list of float
-        Times of the last two evaluations, and the values at these times.
-    changed : bool
-        Whether some function has changed its sign between them. One that is zero takes its sign at the next evaluation,
-        which follows shortly after, so that the event is not found again.
-    interrupted : callable
-        ``interrupted() -> bool``, called after each step: whether the run is to end there.
-    """
-
-    def __init__(self, events, with_multipliers, interrupted, finish):
-        self.events, self.with_multipliers, self.interrupted = events, with_multipliers, interrupted
-        self._finish = finish
-        self.changed, self._first, self._leaving, self._offsets = False, False, (), ()
-
-    def restart(self, t, p, v, lam, leaving, offsets) -> None:
-        """Take the signs at a new start.
-
-        `leaving` has values for the functions that leave zero there, NaN for the others, and `offsets` what is taken
-        off the functions up to the next look; both may be empty.
-        """
-        self.begin = self.end = t
-        self._leaving, self._offsets = leaving, ()
-        self.values = [
-            leaving[i] if leaving and leaving[i] == leaving[i] else self.value(i, t, p, v, lam)
-            for i in range(len(self.events))
-        ]
-        self._offsets, self._first = offsets, True
-
-    def leaves(self, i) -> bool:
-        """Whether a function has left zero at the first of the last two evaluations, with the sign that it had then."""
-        return bool(self._leaving) and self._leaving[i] == self._leaving[i] and self._leaving[i] != 0.0
-
-    def look(self, t, p, v, lam) -> bool:
-        """Evaluate the functions at a state; returns whether some sign has changed."""
-        if not self._first:
-            self._leaving = self._offsets = ()
-        self._first = False
-        self.begin, self.end, self.before = self.end, t, self.values
-        self.values = [self.value(i, t, p, v, lam) for i in range(len(self.events))]
-        signs = zip(self.before, self.values, strict=True)
-        self.changed = any(before != 0.0 and not before * after > 0.0 for before, after in signs)
-        return self.changed
-
-    def value(self, i, t, p, v, lam) -> float:
-        """An event's function at a state; an error if it is not a number."""
-        error, value = None, math.nan
-        try:
-            given = read_only(self._finish(p, lam)) if self.with_multipliers else None
-            value = float(self.events[i].function(t, read_only(p), read_only(v), given))
-        except Exception as raised:
-            error = raised
-        if value != value:
-            fail(self.events[i], t, error)
-        return value - self._offsets[i] if self._offsets else value
 
 
 class Applied(NamedTuple):
@@ -420,79 +356,6 @@ class EventWatch:
 def _passes(event, g0, g1) -> bool:
     """Whether an event's function passes zero from one value to another, in its direction."""
     return (g0 < 0 <= g1 and event.direction >= 0) or (g0 > 0 >= g1 and event.direction <= 0)
-
-
-def located(segment, signs, i, retake=None):
-    """The time of an event between the last two evaluations in a step, and (p, v, λ) there.
-
-    ``retake(segment, t)``, if not None, repeats the step up to a time inside it and returns a segment that is exact
-    there, or the old one if that fails.
-    """
-
-    def g(segment, t):
-        return signs.value(i, t, *segment.look(t, signs.with_multipliers))
-
-    begin, end = signs.begin, signs.end
-    if signs.values[i] == 0.0:
-        return end, (segment if retake is None or end == segment.end else retake(segment, end))(end)
-    near = nearness(begin, end, retake is not None)
-    before, after, left, root = signs.before[i], signs.values[i], 0.0, begin
-    if signs.leaves(i):
-        begin, before, end, after = narrowed(partial(g, segment), begin, before, end, after)
-    if begin != end:
-        near = max(nearness(begin, end, False), near * abs((end - begin) / (signs.end - signs.begin)))
-        root, left = zero(partial(g, segment), begin, before, end, after, near)
-    if abs(root - segment.t_old) < shortest_step(root):
-        retake = None  # it is the state at the start
-    again = segment if retake is None else retake(segment, root)
-    if again is not segment:  # a Newton step removes the error of the interpolant
-        there, beside = g(again, root), root - BESIDE * (root - begin)
-        slope = (left - g(segment, beside)) / (root - beside) if root != beside else 0.0
-        moved = root - there / slope if slope else root
-        root = moved if (moved - begin) * (moved - end) < 0 else root
-    return root, again(root)
-
-
-def narrowed(g, begin, before, end, after):
-    """The interval shortened until `g` has its sign before the zero at the beginning too; empty if it never has."""
-    left = begin
-    while abs(end - left) > shortest_step(end):
-        t = left + SHORTER * (end - left)
-        value = g(t)
-        if value * before > 0.0:
-            return t, value, end, after
-        end, after = t, value
-    return left, before, left, after
-
-
-def nearness(begin, end, roughly) -> float:
-    """The accuracy, s, with which the search between two evaluations locates an event."""
-    exact = 4e-16 * max(1.0, abs(end))
-    return max(exact, ROUGHLY * abs(end - begin)) if roughly else exact
-
-
-def zero(g, a, fa, b, fb, near):
-    """The zero of `g` between `a` and `b`, where its signs differ, and its value there.
-
-    By inverse quadratic interpolation or bisection, chosen as by Chandrupatla (Adv. Eng. Softw. 28, 1997); if that
-    takes long, by bisection alone.
-    """
-    part, tries = fa / (fa - fb), 0
-    part = 0.5 if part != part else part  # infinite values
-    while True:
-        least, tries = 0.5 * near / abs(b - a), tries + 1
-        t = a + min(max(part, least), 1.0 - least) * (b - a)
-        f = g(t)
-        c, fc = a, fa
-        if not f * fa > 0.0:
-            b, fb, c, fc = a, fa, b, fb
-        a, fa = t, f
-        if fa == 0.0 or abs(b - a) <= near:
-            return (a, fa) if abs(fa) < abs(fb) else (b, fb)
-        x, y = (a - b) / (c - b), (fa - fb) / (fc - fb)
-        part = 0.5
-        if tries < HALVING and y * y < x and (1.0 - y) ** 2 < 1.0 - x:
-            part = fa / (fa - fb) * fc / (fc - fb) - (c - a) / (b - a) * fa / (fc - fa) * fb / (fb - fc)
 
 
 def reads_multipliers(function) -> bool:

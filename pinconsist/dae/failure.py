@@ -37,7 +37,7 @@ def failure_report(stepper, failure: str) -> str:
             "with sign(s) does; smooth it, with tanh(s/width) in place of sign(s) or JointFriction, over a larger width"
         )
     if not hints:
-        speed = largest(stepper.y[system.nx : system.nx + system.nv])
+        speed = largest(stepper.v)
         smaller = "a smaller step" if method.step is not None else "looser tolerances, or max_step"
         hints.append(f"the largest velocity there is {speed:.3g}; try {smaller}, and look at the motion just before")
         if abs(stepper.t) > LATE:
@@ -52,10 +52,9 @@ def failure_report(stepper, failure: str) -> str:
 def jumping(stepper) -> str:
     """The names of forces that jump at the current state of the run."""
     system = stepper.system
-    v = stepper.y[system.nx : system.nx + system.nv]
     try:
         with np.errstate(all="ignore"):
-            return " and ".join(map(repr, system.jumps(stepper.t, stepper.p, v)))
+            return " and ".join(map(repr, system.jumps(stepper.t, stepper.p, stepper.v)))
     except PinconsistError:  # a user's function that fails there has its own message
         return ""
 
@@ -70,13 +69,12 @@ def _other(method) -> str:
 
 def _weakest_rows(stepper):
     """(σ_min/σ_max of W with rows of unit length, the row that contributes most to it, or two that share this)."""
-    system, y = stepper.system, stepper.y
+    system, v = stepper.system, stepper.v
     if not system.nc:
         return 1.0, ""
-    v, lam = y[system.nx : system.nx + system.nv], y[system.nx + system.nv :]
     system.evaluate(stepper.t, stepper.p, v, np.zeros(system.nv))
     unused = np.empty((system.nv, system.nv))
-    W = np.array(system.linearize(stepper.t, stepper.p, v, np.zeros(system.nv), 0.0 * lam, 0.0, unused))
+    W = np.array(system.linearize(stepper.t, stepper.p, v, np.zeros(system.nv), np.zeros(system.nc), 0.0, unused))
     lengths = np.linalg.norm(W, axis=1, keepdims=True)
     if lengths.min() > 1e-4 * lengths.max():  # a vanishing row is the cause of the failure, not an effect of units
         W = W / np.maximum(lengths, 1e-300)
@@ -87,3 +85,11 @@ def _weakest_rows(stepper):
     first, *others = np.argsort(-parts)
     rows = [first, *(row for row in others[:1] if parts[row] > SHARED * parts[first])]
     return float(s[-1] / s[0]), " and ".join(system.describe_row(int(row)) for row in rows)
+
+
+def culprits(system, t, p, v) -> str:
+    """The forces that are not finite at a state, for a message, if the system knows them."""
+    names, step = system.not_finite(t, p, v), 1e-9 * (1.0 + largest(p)) / (1.0 + largest(v))
+    for side in (step, -step):  # at the edge of a domain, neighbouring states are tried
+        names = names or system.not_finite(t, system.integrate(p, side * system.rate(t, p, v)), v)
+    return f" ({', '.join(map(repr, names))} at t = {t:.9g})" if names else ""

@@ -1,19 +1,15 @@
-"""The equations of index 1: accelerations, projections onto the constraints, and scipy's DOP853 on them.
+"""The equations of index 1: accelerations, and projections onto the constraints.
 
-A multistep run starts with them, and references and events use them. :class:`Index1` collects what a run needs; the
-compiled method has its own, with the same interface.
+Starts and events use them. :class:`Index1` collects what a run needs; the compiled one has the same interface.
 """
 
 import numpy as np
-from scipy.integrate import DOP853
 
-from ..errors import AssemblyError, PinconsistError, SingularSystemError
-from .charts import chart_matrix, chart_point, table_row
-from .kkt import columns, kkt_at
-from .newton import culprits
+from ..errors import AssemblyError, PinconsistError
+from .failure import culprits
+from .kkt import kkt_at
 from .norms import EPS, largest
 from .rounding import rounding_gap
-from .tuning import CLOSED, CLOSINGS
 
 
 class NotFiniteError(PinconsistError):
@@ -32,11 +28,6 @@ def not_finite_message(system, t, p, v) -> str:
 def not_closed_message(gap) -> str:
     """The message about a position that cannot be projected onto the constraint."""
     return f"the position could not be projected onto the constraint: |Φ| = {gap:.3g} remains"
-
-
-def integration_failed_message(t, cause) -> str:
-    """The message about a one-step method that fails."""
-    return f"the index-1 equations could not be integrated from t = {t:.6g}: {cause}"
 
 
 def solve_acceleration(system, t, p, v):
@@ -86,21 +77,6 @@ def settled(system, t, p, v):
     return p, v, kkt.solve(-np.concatenate((f0, system.acceleration_bias(t, p, v))))[system.nv :]
 
 
-def projected(system, kkt, G, t, p, v):
-    """(p, v) after a step, on both constraints by the matrix at its end; (None, None) if there are none."""
-    with _overflow_allowed():
-        for _ in range(CLOSINGS):
-            phi, rho = system.constraint(t, p, system.rate(t, p, v))
-            shift, change = kkt.solve(columns(system.nv, system.nc, (0.0, phi), (0.0, rho)))[: system.nv].T
-            p, v = system.integrate(p, -moved_by(system, t, p, v, shift)), v - change
-            if not np.isfinite(p).all():
-                return None, None
-            if largest(phi) <= CLOSED * (1.0 + largest(p)):
-                return p, v
-    gap = largest(system.constraint(t, p, v)[0])
-    return (p, v) if gap <= rounding_gap(p, G) else (None, None)
-
-
 def project_position(system, t, p, v):
     """`p`, near the manifold, projected onto Φ(t, p) = 0 in the mass metric; AssemblyError after 20 iterations."""
     if not system.nc:
@@ -135,82 +111,3 @@ class Index1:
         """(t, p, v, λ) with p and v projected onto the constraints and λ of the differential equation."""
         p, v = self.projected(t, p, v)
         return t, p, v, self.acceleration(t, p, v)[1]
-
-    def one_step(self, *arguments, **options):
-        """A run of the one-step method, see :class:`OneStep`."""
-        return OneStep(self.system, *arguments, **options)
-
-
-class OneStep:
-    """A run of DOP853 from (t0, p0, v0) towards `t_end` on [ξ | v] in the chart at `base`.
-
-    `t` and `y` are the time and state reached, `step_size` is the last step, `evaluations` counts those of the
-    right-hand side; with `dense` the interpolants are kept, for :meth:`sample`.
-    """
-
-    def __init__(self, system, base, t0, p0, v0, t_end, rtol, atol, max_step=np.inf, dense=False):
-        self._f, y0 = RightHandSide(system, base), chart_state(system, base, p0, v0)
-        self._pieces, self._dense, self.step_size = [], dense, 0.0
-        with _overflow_allowed():
-            self._solver = DOP853(self._f, t0, y0, t_end, rtol=rtol, atol=atol, max_step=max_step)
-
-    t = property(lambda self: self._solver.t)
-    y = property(lambda self: self._solver.y)
-    finished = property(lambda self: self._solver.status == "finished")
-    evaluations = property(lambda self: self._solver.nfev)
-
-    def step(self) -> None:
-        """One step; raises PinconsistError if the method fails, SingularSystemError if the equations are singular."""
-        solver = self._solver
-        with _overflow_allowed():
-            reason = solver.step()
-        if solver.status == "failed":
-            cause = self._f.failure
-            if isinstance(cause, SingularSystemError):
-                raise cause
-            raise PinconsistError(integration_failed_message(solver.t, cause or reason)) from cause
-        self.step_size = abs(solver.step_size)
-        if self._dense:
-            self._pieces.append(solver.dense_output())
-
-    def sample(self, times):
-        """[ξ | v] at `times` inside the steps made, shape (len(times), nx+nv), in their order away from the start."""
-        ends = np.array([piece.t for piece in self._pieces])
-        direction = self._solver.direction
-        holders = np.minimum(np.searchsorted(direction * ends, direction * times), len(ends) - 1)
-        return np.concatenate([self._pieces[i](times[holders == i]).T for i in np.unique(holders)])
-
-
-class RightHandSide:
-    """f(t, [ξ | v]) of the index-1 equations in the chart at `base`, for scipy.
-
-    `failure` is the error of the evaluations since the last successful one, or None.
-    """
-
-    def __init__(self, system, base):
-        self.system, self.base, self.failure, self._started = system, base, None, False
-
-    def __call__(self, t, y):
-        system, base = self.system, self.base
-        p, v = chart_point(system, base, y[: system.nx]), y[system.nx :]
-        try:
-            a, _ = solve_acceleration(system, t, p, v)
-        except (NotFiniteError, SingularSystemError) as error:
-            if not self._started:
-                raise
-            if np.isfinite(y).all():  # if not, an earlier stage failed
-                self.failure = error
-            return np.full(len(y), np.nan)  # a step far too long for a stiff force: scipy then tries a shorter one
-        self.failure, self._started = None, True
-        rate = system.rate(t, p, v)
-        return np.concatenate((rate if system.vector_like else chart_matrix(system, y[: system.nx]) @ rate, a))
-
-
-def chart_state(system, base, p, v):
-    """[ξ | v] of a state."""
-    return table_row(system, base, p, v, np.zeros(0))
-
-
-def _overflow_allowed():
-    """Numbers may overflow in a step that is too long; a shorter one then follows."""
-    return np.errstate(over="ignore", invalid="ignore")

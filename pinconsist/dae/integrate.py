@@ -8,17 +8,14 @@ from functools import partial
 import numpy as np
 
 from ..errors import PinconsistError, UserFunctionError
-from .consistency import MODES, Exact
 from .control import ErrorControl, FixedStep
-from .dense import Curve, DenseOutput, StepBatch
+from .dense import DenseOutput, StepBatch
 from .events import STILL, EventWatch, state_after
 from .failure import failure_report, jumping
 from .norms import largest
 from .output import FAILED, STOPPED, SUCCESS, Output, Record, Stop
 from .problem import Index3System
-from .radau_stepper import RadauStepper
 from .rounding import Pace
-from .stepper import Stepper
 from .tuning import FAILURES, Switches
 
 CLOSED = 1e-6  # gap of a constraint, relative to positions and 1 rad or m, that is no jump
@@ -41,11 +38,6 @@ class Method:
     def name(self) -> str:
         """The method's name."""
         return "BDF" if self.stages is None else "Radau"
-
-    @property
-    def mode(self) -> Exact:
-        """The mode of consistency."""
-        return MODES[self.consistency]
 
     def describe(self) -> dict:
         """The method in plain numbers and words, for the record."""
@@ -72,7 +64,6 @@ class Trajectory:
     nfev: int = 0
     njev: int = 0
     nlu: int = 0
-    backend: str = "python"
     rejected: dict = field(default_factory=dict)
     h: np.ndarray = field(default_factory=lambda: np.zeros(0))
     order: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
@@ -88,8 +79,8 @@ def integrate(
     p0,
     v0,
     method: Method,
-    output: Output | None = None,
-    stepper: Stepper | None = None,
+    output: Output,
+    stepper,
     interrupted: Callable[[], bool] | None = None,
 ) -> Trajectory:
     """Integrate an index-3 system from (p0, v0), taken as given.
@@ -100,8 +91,8 @@ def integrate(
         The system, the interval (s; backwards if the end is earlier), initial position and velocity.
     method, output : Method, Output
         The method, and what to record.
-    stepper : Stepper, optional
-        Makes the steps, for this system and method. Default: the Python method.
+    stepper : Stepper
+        Makes the steps, for this system and method: see _core/steppers.py.
     interrupted : callable, optional
         ``interrupted() -> bool``, called between batches of steps; a true value ends the run; what was reached is
         returned.
@@ -111,7 +102,6 @@ def integrate(
     Trajectory
         If the method fails, ``status`` is -1, and the rows reached are returned.
     """
-    output, stepper = output or Output(), stepper or python_stepper(system, method)
     interrupted = interrupted or (lambda: False)
     with closing(stepper):
         record = Record(output, t_span, stepper.full_multipliers, interrupted)
@@ -143,14 +133,9 @@ def trajectory_of(stepper, method, record, watch, t_span, status, message) -> Tr
     return Trajectory(
         *rows, system=stepper.system, status=status, message=message, nsteps=record.nsteps,
         nfev=newton.nfev, njev=newton.njev, nlu=newton.nlu, rejected=dict(method.control.reasons),
-        backend=stepper.backend, dense=record.dense(), events=watch.until(record.reached, t_span[1] >= t_span[0]),
+        dense=record.dense(), events=watch.until(record.reached, t_span[1] >= t_span[0]),
         h=h, order=order, changes=list(watch.changes), opened=stepper.opened(rows[0], rows[1]),
     )  # fmt: skip
-
-
-def python_stepper(system, method) -> Stepper:
-    """The Python stepper of a method."""
-    return (Stepper if method.stages is None else RadauStepper)(system, method)
 
 
 def _ending(error, t):
@@ -210,7 +195,7 @@ def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=Fal
                 raise Stop(FAILED, failure_report(stepper, FAILURES["chatters"]))
             other_rows = batch.failure or (record.nsteps % stepper.rows_watched == 0 and _choose_rows(stepper, record))
             if other_rows or t == until:
-                p, v = stepper.p, stepper.velocity_and_multipliers()[0]
+                p, v = stepper.p, stepper.v
                 changed = stepper.system.change(t, p, v) if t == until or passes else None
                 if other_rows or changed is not None or t == stop:
                     jumped, resumes = bool(changed), not other_rows
@@ -247,8 +232,8 @@ def _started(stepper, method, record, with_curve):
     if method.max_steps is not None:
         stepper.unseen = stepper.unseen[: method.max_steps - record.nsteps]
     states = list(stepper.unseen)
-    curve = Curve([stepper.segment()]) if with_curve and states else None
-    return StepBatch.of(states, [stepper.used[1]] * len(states), curve)
+    curve = stepper.curve_of_start() if with_curve and states else None
+    return StepBatch.of(states, [0] * len(states), curve)
 
 
 def _look(watch, stepper, batch, record):

@@ -84,3 +84,11 @@ def integrals(theta, n):
     V = polynomials(theta, n + 1)
     below = np.column_stack([-np.ones(len(V)), V[:, : n - 1]])  # P_{-1} = -1 makes ∫ P_0 = (x + 1)/2
     return 0.5 * (V[:, 1:] - below) / (2.0 * np.arange(n) + 1.0)
+
+
+@cache
+def gauss(s: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gauss's formula with s + 1 points between s stages: points, weights; integrals of the stages' ℓ_j up to them."""
+    points, weights = legendre.leggauss(s + 1)
+    between = 0.5 * (1.0 + points)
+    return between, 0.5 * weights, table(s).integrals(between)

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import hypot, sqrt
 
 import numpy as np
 
-from ..errors import AssemblyError, PinconsistError, SingularSystemError
+from ..errors import PinconsistError
 from . import bdf
 from .charts import chart_point
-from .index1 import Index1, NotFiniteError, settled
+from .index1 import Index1, settled
+from .kkt import KKT
 from .problem import Index3System
 from .radau_table import Table, integrals, polynomials
-from .tuning import BETWEEN, NEXT_MODE
-from .unseen import held_back
+from .tuning import STIFF
 
 
 @dataclass(frozen=True)
@@ -113,43 +111,6 @@ class RadauSegment:
         moved = self.system.difference(self.p0, self.p)
         return moved - self.h * rate, self.v - self.v0 - self.h * acceleration
 
-    def error_between(self, weight: np.ndarray) -> float:
-        """An estimate of the error of v between the ends; `weight` (nv,) has reciprocal tolerances.
-
-        It is the geometric mean of two estimates. That from the decay of the modes is too small with stiff forces, that
-        from the defect of the accelerations too large.
-        """
-        s, system = self.table.s, self.system
-        if s < 3:  # such formulas are not more accurate at the end
-            return 0.0
-
-        def size(a):
-            return abs(self.h) * np.linalg.norm(weight * a) / np.sqrt(system.nv) / (2 * s)
-
-        accelerations = self._coefficients[1]
-        *before, low, high = (size(mode) for mode in accelerations[-4:])
-        last = hypot(low, high)
-        following = last * min(1.0, last / (hypot(*before) + 1e-300))
-        if following <= NEXT_MODE * BETWEEN:
-            return 0.0
-        theta = 0.5 * (self.table.c[s // 2 - 1] + self.table.c[s // 2])  # modes vanish in the middle of the step
-        t = self.t_old + theta * self.h
-        bend = 6.0 * theta * (1.0 - theta) / self.h * self._missing[1]
-        a = Index1(system).acceleration(t, *self(t)[:2])[0]
-        return sqrt(following * size(a - polynomials([theta], s + 1)[0] @ accelerations - bend))
-
-    def refined(self, weight: np.ndarray, made: Callable) -> RadauSegment:
-        """The same, with its halves if it is not accurate between the ends; ``made(step, a)`` solves a step."""
-        middle = self.t_old + 0.5 * self.h
-        try:
-            if self.error_between(weight) <= BETWEEN:
-                return self
-            first = made(self.ending_at(middle), self.ends[0])
-            second = first and made(self.part(middle, self.end, first.p, first.v), first.ends[1])
-        except (AssemblyError, NotFiniteError, SingularSystemError):  # the step itself was accepted
-            return self
-        return replace(self, halves=(first, replace(second, p=self.p, v=self.v))) if second else self
-
     def part(self, t_old: float, end: float, p0: np.ndarray, v0: np.ndarray) -> RadauSegment:
         """A step inside this one; its accelerations, from the polynomial, are a guess for Newton."""
         h = end - t_old
@@ -164,3 +125,30 @@ class RadauSegment:
 def not_made_again(t) -> PinconsistError:
     """The error of a step that fails when it is repeated up to another time."""
     return PinconsistError(f"the step of Radau IIA could not be repeated up to t = {t:.6g}")
+
+
+def held_back(system, t, p, v, a, projected, h):
+    """The projected velocity without the part of the projection that is along stiff forces, as in _core/unstirred.hpp.
+
+    (p, v) is the state before the projection, `a` its acceleration, `h` the size of the step.
+    """
+    _, _, G, _ = system.evaluate(t, p, v, a)
+    M, stiff = _parts(system.matrices(t, p, v, a), h / STIFF)
+    return _without(M, stiff, G, system.velocity_jacobian(t, p, v, G), projected, projected - v)
+
+
+def _along(kkt, stiff, nc, x):
+    """What stiff forces do to the velocities after a change by `x`."""
+    return kkt.solve(np.concatenate((stiff @ x, np.zeros(nc))))[: len(x)]
+
+
+def _without(M, stiff, G, W, v, moved):
+    """The velocity `v` without what stiff forces hold back of its change by `moved`."""
+    within = KKT(M + stiff, G, W)
+    return v if within.singular else v - _along(within, stiff, len(W), _along(within, stiff, len(W), moved))
+
+
+def _parts(matrices, c):
+    """(M, c D + c² K); their sum is the A of :class:`~pinconsist.dae.kkt.KKT`."""
+    M, D, K = matrices
+    return M, c * D + c**2 * K

@@ -28,14 +28,11 @@ NEARLY = 0.92  # the next lower order, 2 or more, is more stable: it is used if 
 SMALLEST_STEP = 16.0  # in spacings of t: a shorter step cannot be distinguished from zero
 MAX_CHART_TURN = 2.5  # largest angle that a chart may span, rad: at π it wraps around
 
-# The first history of a run of variable step, by a one-step method
-START_SHARE = 1e-2  # tolerances of the one-step method relative to those of a step
-START_STEPS, START_GROWTH = 6, 1.5  # its largest number of steps; another one is made if the last grew by this factor
-START_TURN = 1.0  # largest angle that it may turn in one chart, rad
-START_SHORTER = 0.7  # factor by which its time is shortened until it does not turn farther
+# The first history of BDF
+START_SHARE = 1e-2  # accuracy of its steps of Radau relative to the tolerance of a step of BDF
+START_STEPS = 3  # their largest number
 START_APART = 64.0  # shortest step of a history, relative to the shortest of all: its times are rounded
-START_ERROR, START_AIM = 0.5, 0.25  # error allowed in the first step, and target of a shorter one, in tolerances
-START_TRIES, START_LEAST = 4, 0.05  # how often it is shortened, and the smallest factor
+START_ERROR = 0.5  # error allowed in the first step, in tolerances
 
 # Rounding, and no progress
 DRIFT = 1e-11  # rounding of a time, relative to a step, that does not count: a twentieth of the best accuracy of BDF
@@ -59,7 +56,7 @@ STAGE_ACCURACY = 1.5  # relative to the tolerance of a run; determines the toler
 STAGE_LEFT = 1e-3  # error of Newton in a step, which adds up, relative to the tolerance of a run
 MAX_STAGE_ITERATIONS = 12
 MAX_SWEEPS = 30  # largest number of fixed-point iterations if rates depend on positions
-STAGE_NEWTON_FACTOR = {1: 2e-2, 2: 2e-2, 3: 2e-2, 5: 2e-2, 7: 2e-3}  # of the error test; 7 stages are more sensitive
+STAGE_NEWTON, STAGE_NEWTON_OF_MOST = 2e-2, 2e-3  # of the error test; 7 stages are more sensitive
 STAGE_SAFETY = 0.45  # estimates of high order react late: longer steps are more often rejected than they are worth
 STAGE_GROWTH = 2.0  # largest growth of a step; MAX_FACTOR after the first one
 RESOLVED = 0.35  # largest ratio of the last coefficient of accelerations to the two before it if they are resolved
@@ -87,6 +84,8 @@ SHORTER = 0.25  # factor by which the time after an event is shortened until its
 FLIGHT = 1e-5  # change of the state, relative to it, over which the rate of a function is measured that leaves zero
 ROUNDED_FLIGHT = 1e3  # roundings of the position below which flights between occurrences of an event do not count
 FLIGHTS, AT_ONCE = 3, 30  # number of such flights, and of occurrences at one time, after which an event accumulates
+ROUGHLY = 1e-7  # accuracy of an event before a Newton step, relative to the time between two evaluations
+SLOPE_OVER = 1e-3  # time over which the slope of its function is measured, relative to the same
 NUDGE = 1e-6  # fraction of the time to the next evaluation after which an event that was zero has its sign
 HALVING = 20  # tries after which a zero is found by bisection alone
 
@@ -113,7 +112,6 @@ FAILURES = {
     "not_converged": "Newton did not converge",
     "turns_too_far": "a joint makes half a turn within a step, which is the limit of a rotation chart",
     "error_test": "the error test fails at any step size",
-    "no_start": "the run could not restart at a jump of the forces",
     "chatters": "the run hardly advances, because Newton fails repeatedly",
 }
 

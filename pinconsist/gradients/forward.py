@@ -11,16 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from .._core.compiled_gradient import CompiledFollower
-from .._core.compiled_system import CompiledIndex1
+from .._core.gradients import Follower
 from ..dae import bdf
 from ..dae.charts import chart_matrix
 from ..dae.dense import Tables
 from ..dae.index1 import Index1
-from ..dae.radau import Stages
 from ..dae.radau_table import table
 from ..dae.segments import RadauSegment
-from .linear import Step
 from .stage_leg import StageLeg, stage_legs
 
 STAGES_OF_START = 5  # order 9
@@ -69,8 +66,7 @@ class Leg:
         for t, end, (p, v), (q, w) in zip(times[:-1], times[1:], states[:-1], states[1:], strict=True):
             stages = [(at, *first(at)[:2]) for at in t + first.h * formula.c]
             W = np.array([index1.acceleration(*stage)[0] for stage in stages])
-            U = Stages(system, formula, t, p, v, first.h, W).U
-            steps.append(RadauSegment(t, end, first.h, formula, p, v, W, U, q, w, system))
+            steps.append(RadauSegment(t, end, first.h, formula, p, v, W, W, q, w, system))  # its polynomial is not used
         return StageLeg(steps, lambda _: index1), times, self._charts(y)
 
     def begin(self, variants, base, s):
@@ -94,10 +90,7 @@ class Leg:
 
     def follow(self, index1, residuals, S) -> None:
         """Fill `tables` from S of the history; `residuals`, for each parameter, is a list of (weight, Index1)."""
-        if isinstance(index1, CompiledIndex1):
-            CompiledFollower(index1, residuals).forward(self, S)
-        else:
-            follow(self, residuals, S)
+        Follower(index1, residuals).forward(self, S)
 
     def seeds(self):
         """Zeros to which :meth:`add_seeds` adds: the derivatives of a number by each of the tables S."""
@@ -105,9 +98,7 @@ class Leg:
 
     def follow_back(self, index1, residuals, seeds):
         """The derivative of a number by the parameters in the steps, (P,); `seeds[0]` becomes that by the first S."""
-        if isinstance(index1, CompiledIndex1):
-            return CompiledFollower(index1, residuals).backward(self, seeds)
-        return follow_back(self, residuals, seeds)
+        return Follower(index1, residuals).backward(self, seeds)
 
     def at(self, times):
         """p, [ξ | v | λ] and the derivatives s, (n, P, nx+nv+nc), tangent at p, at times inside the leg."""
@@ -152,74 +143,11 @@ def legs_of(dense, index1_of=Index1) -> list[Leg] | list[StageLeg]:
         return [StageLeg(steps, index1_of) for curve in dense.curves for steps in stage_legs(curve)]
     legs: list[list[Tables]] = []
     for curve in dense.curves:
-        steps = curve if isinstance(curve, Tables) else _as_tables(curve)
-        begun = [i for i, changes in enumerate(steps.changes) if changes is None]
-        for i, end in pairwise(sorted({0, *begun, len(steps.changes)})):
-            part = replace(steps, **{name: getattr(steps, name)[i:end] for name in COLUMNS})
-            if steps.changes[i] is None:
+        begun = [i for i, changes in enumerate(curve.changes) if changes is None]
+        for i, end in pairwise(sorted({0, *begun, len(curve.changes)})):
+            part = replace(curve, **{name: getattr(curve, name)[i:end] for name in COLUMNS})
+            if curve.changes[i] is None:
                 legs.append([part])
             else:  # continues the previous curve
                 legs[-1].append(part)
     return [Leg(first.with_others(others)) for first, *others in legs]
-
-
-def _as_tables(curve):
-    """The steps of the Python method as arrays."""
-    segments = [curve.segment(i) for i in range(len(curve.ends))]
-    columns = zip(*((s.t_old, s.end, s.t, s.h, s.k, s.base, s.Z) for s in segments), strict=True)
-    changes = np.full(len(segments), None)
-    for i, segment in enumerate(segments):
-        changes[i] = segment.changes
-    return Tables(*map(np.array, columns), changes, curve.system, None)
-
-
-def follow(leg, residuals, S) -> None:
-    """Fill the leg's `tables` from `S` of its history; `residuals` are the parameters of :meth:`Point.rates`."""
-    system, steps, n = leg.system, zip(*leg.curve(), strict=True), leg.system.nx + leg.system.nv
-    leg.tables = np.empty((1 + len(leg.t), *S.shape))
-    leg.tables[0] = S
-    for i, ((*_, base, Z), (t, h, k, centre, Z_new)) in enumerate(pairwise(steps)):
-        S = np.tensordot(leg.changes[i], S, 1)
-        if not system.vector_like:
-            recenter(system, base, centre, leg.changes[i] @ Z, S, k + 2)
-        predicted, psi = np.tensordot(bdf.predictor(k), S[: k + 1], 1)
-        step = Step(system, t, h, k, centre, Z_new)
-        S[k + 2] = step.forward(psi[:, :n], step.rates(residuals)) - predicted
-        S = np.tensordot(bdf.advance(k), S, 1)
-        leg.tables[i + 1] = S
-
-
-def follow_back(leg, residuals, seeds):
-    """The derivative of a number by the parameters through the steps, (P,): the transpose of :func:`follow`.
-
-    `seeds`, (1+n, ROWS, nx+nv+nc), are the direct derivatives of the number by each of the tables S. The first one
-    becomes the total derivative by the table of the history.
-    """
-    system, curve = leg.system, list(zip(*leg.curve(), strict=True))
-    rates, n = np.zeros(len(residuals)), system.nx + system.nv
-    for i in reversed(range(len(leg.t))):
-        (*_, base, Z), (t, h, k, centre, Z_new) = curve[i : i + 2]
-        B = bdf.advance(k).T @ seeds[i + 1]
-        newest = B[k + 2].copy()
-        B[k + 2] = 0.0
-        step = Step(system, t, h, k, centre, Z_new)
-        psi, weights = step.backward(newest)
-        rates += step.rates(residuals) @ weights
-        B[: k + 1] -= newest
-        B[: k + 1, :n] += bdf.predictor(k)[1][:, None] * psi
-        if not system.vector_like:
-            recenter(system, base, centre, leg.changes[i] @ Z, B[:, None], k + 2, back=True)
-        seeds[i] += leg.changes[i].T @ B
-    return rates
-
-
-def recenter(system, base, new_base, Z, S, rows, back=False) -> None:
-    """Transform S in place from the chart at `base`, with the run's table `Z`, to that at `new_base`; or transposed."""
-    D, nx = bdf.differences(rows - 1), system.nx
-    way = D.T if back else D
-    past = np.tensordot(way, S[:rows, :, :nx], 1)
-    for xi, s in zip(D @ Z[:rows, :nx], past, strict=True):
-        there = system.difference(new_base, system.integrate(base, xi))
-        carry = chart_matrix(system, there) @ np.linalg.inv(chart_matrix(system, xi))
-        s[:] = s @ (carry if back else carry.T)
-    S[:rows, :, :nx] = np.tensordot(way, past, 1)

@@ -20,7 +20,7 @@ from .variants import Side, variants_of
 SPEED = "_speed"
 
 
-def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, backend, options):
+def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, options):
     """(solution, legs, variants, base, names, theta): the run, and its parameters with the mechanisms they need."""
     control = options.pop("control", None)
     if isinstance(build, Mechanism):
@@ -36,10 +36,10 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
             "derivative falsifies those of the multipliers"
         )
     breakpoints = Breakpoints()
-    make = _maker(build, t_span[0], breakpoints, q0, v0, forces, events, backend, control)
+    make = _maker(build, t_span[0], breakpoints, q0, v0, forces, events, control)
     base = make(theta)
     solution = simulate(
-        base.mechanism, t_span, base.q0, base.v0, events=base.events, rtol=rtol, atol=atol, backend=backend,
+        base.mechanism, t_span, base.q0, base.v0, events=base.events, rtol=rtol, atol=atol,
         **{**options, "dense_output": True},
     )  # fmt: skip
     if solution.sol is None:
@@ -68,7 +68,7 @@ def _names(names, theta):
     return names
 
 
-def _maker(build, t, breakpoints, q0, v0, forces, events, backend, control=None):
+def _maker(build, t, breakpoints, q0, v0, forces, events, control=None):
     """``make(theta) -> Side``; the same mechanism for the same object that `build` returns."""
     made: dict = {}
 
@@ -94,7 +94,6 @@ def _maker(build, t, breakpoints, q0, v0, forces, events, backend, control=None)
             t,
             breakpoints,
             as_events(_of_theta(events, values), acting),
-            backend != "python",
         )
 
     return make

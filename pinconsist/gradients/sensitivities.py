@@ -141,7 +141,7 @@ class Sensitivities:
 
 def sensitivities(
     build: Callable | Mechanism, theta, t_span, q0=None, v0=None, *, names: Sequence[str] | None = None, steps=None,
-    forces=(), events=None, rtol=1e-8, atol=1e-10, backend="auto", **options: Any,
+    forces=(), events=None, rtol=1e-8, atol=1e-10, **options: Any,
 ) -> Sensitivities:  # fmt: skip
     """Simulate a mechanism, and differentiate motion, multipliers and event times with respect to parameters.
 
@@ -170,7 +170,7 @@ def sensitivities(
         As in :func:`simulate`; or a function of theta alone that returns them.
     rtol, atol
         As in :func:`simulate`, with tighter defaults.
-    backend, **options
+    **options
         As in :func:`simulate`, with ``consistency="every-step"``.
 
     Returns
@@ -186,7 +186,7 @@ def sensitivities(
     PinconsistError
         The run failed at its start.
     """
-    run = build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, backend, options
+    run = build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, options
     solution, legs, variants, base, names, values = prepared(*run)
     forward = ForwardPass(solution, legs, variants, base)
     forward.run()
@@ -230,7 +230,7 @@ class Gradient:
 def gradient(
     build: Callable | Mechanism, theta, t_span, q0=None, v0=None, *, rows: Callable | tuple | None = None,
     terminal: Callable | tuple | None = None, names: Sequence[str] | None = None, steps=None, forces=(), events=None,
-    t_eval=None, rtol=1e-8, atol=1e-10, backend="auto", **options: Any,
+    t_eval=None, rtol=1e-8, atol=1e-10, **options: Any,
 ) -> Gradient:  # fmt: skip
     """Simulate a mechanism, and differentiate one number of the run with respect to many parameters.
 
@@ -240,7 +240,7 @@ def gradient(
 
     Parameters
     ----------
-    build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, backend, **options
+    build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, **options
         As in :func:`sensitivities`.
     rows, terminal : callable, or pair of callables, optional
         ``f(t, q, v, lam) -> float``; or a pair of it and ``(t, q, v, lam) -> (f_q, f_v, f_lam)``, its derivatives,
@@ -265,7 +265,7 @@ def gradient(
         raise InputError("rows= and t_eval= go together: the function, and the times over which it is summed")
     times = np.zeros(0) if t_eval is None else np.atleast_1d(np.asarray(t_eval, float))
     options = {**options, "t_eval": np.append(times, t_span[1])}
-    run = build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, backend, options
+    run = build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, options
     solution, legs, variants, base, names, _ = prepared(*run)
     if solution.status != 0:
         raise PinconsistError(f"the number needs the whole run, which ended early: {solution.message}")

@@ -5,81 +5,15 @@ step to this time is solved; its result has the order of the method, and needs n
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from .._core.compiled_gradient import CompiledStagePropagator
-from .._core.compiled_system import CompiledIndex1
-from ..dae.index1 import project_position, project_velocity
-from ..dae.radau import StageNewton, Stages
-from ..dae.rounding import rounding_weights
-from ..dae.segments import RadauSegment, not_made_again
-from .linear import Motion, Multipliers
+from .._core.gradients import StagePropagator
+from ..dae.segments import RadauSegment
 
 AT_ONCE = 1e-6  # of a step: times nearer than this to an end count as equal, as shorter steps would be rounding
-
-
-class StagePropagator:
-    """Propagates derivatives along steps, forwards and backwards, in Python, one step after another.
-
-    Steps are :class:`~pinconsist.dae.segments.RadauSegment`. Each of the `parameters` is a list of (weight, Index1);
-    the weighted sum of their residuals is the derivative of the residual by the parameter.
-    """
-
-    def __init__(self, system, parameters=()):
-        self.system, self.parameters = system, parameters
-
-    def again(self, steps):
-        """Solve steps to rounding that are not solved yet, see ``RadauSegment.ending_at``."""
-        return list(map(self._again, steps))
-
-    def _again(self, step):
-        system, t = step.system, step.end
-        stages = Stages(system, step.table, step.t_old, step.p0, step.v0, step.h, step.W)
-        y = np.concatenate((step.p0 if system.vector_like else np.zeros(system.nx), step.v0))
-        if StageNewton().solve(stages, *rounding_weights(system, y)).failure:
-            raise not_made_again(t)
-        p = project_position(system, t, stages.P[-1], stages.V[-1])
-        return replace(step, W=stages.W, U=stages.U, p=p, v=project_velocity(system, t, p, stages.V[-1]))
-
-    def forward(self, steps, S, ends) -> None:
-        """Write the derivatives at the ends of steps to `ends`, from those at their starts, `S`, which may overlap."""
-        for step, begin, end in zip(steps, S, ends, strict=True):
-            of = Motion(step)
-            end[:] = of.forward(begin, of.rates(self.parameters))
-
-    def backward(self, steps, given, bars):
-        """The transpose, from the last step to the first: add to `bars`; return the derivative by parameters, (P,)."""
-        return self._back(map(Motion, steps[::-1]), given[::-1], bars[::-1])
-
-    def multipliers(self, t, p, v, s):
-        """λ at states, (n, nc), and its derivatives, (n, P, nc), from those of the states."""
-        points = list(map(partial(Multipliers, self.system), t, p, v))
-        found = [of.forward(row, of.rates(self.parameters)) for of, row in zip(points, s, strict=True)]
-        lam, nc = [of.lam for of in points], self.system.nc
-        return np.reshape(lam, (len(t), nc)), np.reshape(found, (*s.shape[:2], nc))
-
-    def multipliers_back(self, t, p, v, lam, bars):
-        """The transpose for one number: add to `bars`, (n, nx+nv); return the derivative by the parameters, (P,)."""
-        return self._back(map(partial(Multipliers, self.system), t, p, v), lam, bars)
-
-    def _back(self, points, given, bars):
-        total = np.zeros(len(self.parameters))
-        for of, own, bar in zip(points, given, bars, strict=True):
-            change, weights = of.backward(own)
-            bar += change
-            total += of.rates(self.parameters) @ weights
-        return total
-
-
-def propagator_of(index1, parameters) -> StagePropagator | CompiledStagePropagator:
-    """The propagator for steps of the system of `index1`, compiled if possible."""
-    if isinstance(index1, CompiledIndex1):
-        return CompiledStagePropagator(index1, parameters)
-    return StagePropagator(index1.system, parameters)
 
 
 @dataclass
@@ -96,7 +30,7 @@ class StageLeg:
     _propagator: Any = field(default=None, repr=False)
 
     def __post_init__(self):
-        self._propagator = propagator_of(self.index1_of(self.system), [])
+        self._propagator = StagePropagator(self.index1_of(self.system), [])
         if _is_cut(last := self.steps[-1]):
             self.steps = [*self.steps[:-1], *self._propagator.again([last.ending_at(last.end)])]
 
@@ -168,7 +102,7 @@ class StageLeg:
 
     def follow(self, index1, residuals, S) -> None:
         """Fill `tables` from S at the start; `residuals`, for each parameter, is a list of (weight, Index1)."""
-        self._propagator = propagator_of(index1, residuals)
+        self._propagator = StagePropagator(index1, residuals)
         self.tables = np.empty((1 + len(self.steps), *S.shape))
         self.tables[0] = S
         self._propagator.forward(self.steps, self.tables[:-1, 0], self.tables[1:, 0])
@@ -184,7 +118,7 @@ class StageLeg:
 
     def follow_back(self, index1, residuals, seeds):
         """The derivative of a number by the parameters in the steps, (P,); `seeds[0]` becomes that by the first S."""
-        self._propagator, split = propagator_of(index1, residuals), self.system.nx + self.system.nv
+        self._propagator, split = StagePropagator(index1, residuals), self.system.nx + self.system.nv
         bars, total = np.zeros((1 + len(self.steps), split)), np.zeros(len(residuals))
         for times, derivatives in seeds[1]:
             n, inside, steps = self._placed(times)

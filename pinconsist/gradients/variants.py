@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from .._core.compiled_gradient import all_rows, index1_of
+from .._core.gradients import all_rows, index1_of
 from ..dae.index1 import Index1
 from ..errors import InputError, PinconsistError
 from ..mechanism.assembly import assembled, velocity_on_constraints
@@ -43,7 +43,6 @@ class Side:
     t: float
     breakpoints: Breakpoints
     events: tuple
-    compiled: bool
     _systems: dict = field(default_factory=dict)
     _jacobian: Callable | None = None
 
@@ -94,7 +93,7 @@ class Side:
             system.dropped_are_zero = like.dropped_are_zero
             system.differentiate_forces()
             system.breakpoints.share(self.breakpoints)
-            self._systems[key] = index1_of(system, self.compiled)
+            self._systems[key] = index1_of(system)
         return self._systems[key]
 
 

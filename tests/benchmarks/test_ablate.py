@@ -1,18 +1,15 @@
 """What a run leaves out can be done for a measurement, and changes no result."""
 
 import json
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from helpers import command_line
 
 import pinconsist as pc
-from benchmarks.ablate import PLAIN, PLAIN_PYTHON, VARIANTS, ablate, timed_run
+from benchmarks.ablate import PLAIN, VARIANTS, ablate, timed_run
 from benchmarks.app import main
-from pinconsist import _core
 from pinconsist.errors import InputError
 from pinconsist.mechanism.system import MechanismSystem
 
@@ -21,16 +18,12 @@ BY_NAME = {variant.name: variant for variant in VARIANTS}
 
 
 def run(variant, tol=1e-6):
-    if variant.backend == "compiled" and _core.load()[0] is None:
-        if variant.off:
-            pytest.skip("the compiled method is not there")
-        variant = replace(variant, backend="python")
     return timed_run(pc.load("crank_rocker"), 0.3, variant, tol, min(tol, 1e-8))[1]
 
 
 @pytest.fixture(scope="module")
 def plain():
-    return run(PLAIN_PYTHON, 1e-9)
+    return run(PLAIN, 1e-10)
 
 
 @pytest.mark.parametrize("variant", VARIANTS, ids=lambda variant: variant.name)
@@ -46,24 +39,12 @@ def test_the_switches_act():
     assert run(BY_NAME["dense output"]).dense is not None and run(PLAIN).dense is None
 
 
-def test_the_systems_of_the_variants_act():
-    plain = run(PLAIN_PYTHON)
-    assert plain.system.vector_like and not run(BY_NAME["charts"]).system.vector_like
-    fast, slow = plain.system._kept_rows, run(BY_NAME["all rows of the loops"]).system._kept_rows
-    data, q = plain.system.data, plain.p[-1]
-    pin.computeJointJacobians(plain.system.model, data, q)
-    for one, other in zip(fast(data, q, 0.0), slow(data, q, 0.0), strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-12)
-    assert fast.__qualname__ != slow.__qualname__
-
-
 def test_rows_of_the_measurement(capsys):
     rows = json.loads(called(capsys, "ablate", "four_bar", "--repeats", 1, "--json")[1])["ablate"]
     names = [row["variant"] for row in rows]
-    plain = [name for name in names if name in (PLAIN.name, PLAIN_PYTHON.name)]
-    assert names[0] == plain[0] and plain[-1] == PLAIN_PYTHON.name and len(names) == len(set(names))
+    assert names[0] == PLAIN.name and len(names) == len(set(names))
     assert all(row["ratio"] > 0.0 and row["time"] > 0.0 and row["steps"] > 5 for row in rows)
-    assert {row["ratio"] for row in rows if row["variant"] in plain} == {1.0}
+    assert {row["ratio"] for row in rows if row["variant"] == PLAIN.name} == {1.0}
     printed = called(capsys, "ablate", "four_bar", "--repeats", 1)[1]
     assert all(name in printed for name in names)
 

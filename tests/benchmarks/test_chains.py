@@ -6,7 +6,6 @@ import time
 import numpy as np
 import pinocchio as pin
 import pytest
-from helpers.twin import needs_twin
 
 import pinconsist as pc
 from benchmarks.app import main
@@ -92,21 +91,19 @@ def test_what_is_a_failure(monkeypatch, simulate, outcome):
     assert judged(RUN, UNTIL).outcome == outcome
 
 
-@needs_twin
 @pytest.mark.parametrize(("seed", "tol"), [
     (40022, 1e-3),  # where steps grow, how fast shorter ones converged says little
     (50018, 1e-7),  # a finer run in the same steps has the same errors
 ])  # fmt: skip
 def test_radau_knows_its_error(seed, tol):
-    run = judged(Run(seed, "", "compiled", "Radau", tol, HUNG), 0.4)
+    run = judged(Run(seed, "", "Radau", tol, HUNG), 0.4)
     assert run.outcome == FINE and 1 / 3 < run.estimate / max(run.q, run.v) < 3
 
 
-@pytest.mark.parametrize("backend", ["compiled", "python"])
 @pytest.mark.parametrize(("seed", "tol"), [(60061, 1e-5), (60179, 1e-7)])
-def test_radau_sees_friction_that_turns_before_the_first_stage(backend, seed, tol):
+def test_radau_sees_friction_that_turns_before_the_first_stage(seed, tol):
     """The errors were 1187 and 157 tolerances: all stages of a step were behind the turn, and agreed."""
-    run = judged(Run(seed, "", backend, "Radau", tol, HUNG), 0.4)
+    run = judged(Run(seed, "", "Radau", tol, HUNG), 0.4)
     assert run.outcome == FINE and max(run.q, run.v, run.force) < 100.0
 
 
@@ -131,7 +128,7 @@ def test_a_campaign_without_any_result_is_printed(monkeypatch, capsys):
 
 
 def test_distribution():
-    rows = [{"backend": "compiled", "tol": 1e-3, "outcome": FINE, "q": q, "v": None, "force": None, "seed": int(q)}
+    rows = [{"tol": 1e-3, "outcome": FINE, "q": q, "v": None, "force": None, "seed": int(q)}
             for q in (1.0, 2.0, 9.0)]  # fmt: skip
     (row,) = distribution([*rows, rows[0] | {"outcome": OPEN, "q": 99.0}])
     assert row["median"] == 2.0 and row["worst"] == 9.0 and row["seed"] == 9 and row["runs"] == 3

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import null_space
 
 import pinconsist as pc
-from benchmarks.dense_reference import DenseReference
+from benchmarks.dense_reference import DenseReference, right_hand_side
 from benchmarks.equal_error import at_equal_error
 from benchmarks.peers import OWN, peers
 from benchmarks.peers.dae_solvers import Equations
@@ -17,7 +17,7 @@ from benchmarks.peers.problem import Peer, Problem, SolverFailed
 from benchmarks.peers.scenes import problem_of
 from benchmarks.peers.scipy_index1 import accelerations
 from benchmarks.work_precision import FEWEST, Point, _chosen, work_precision
-from pinconsist.dae.index1 import RightHandSide, solve_acceleration
+from pinconsist.dae.index1 import solve_acceleration
 from pinconsist.errors import InputError, PinconsistError
 from pinconsist.paper import reference_problem
 
@@ -88,7 +88,7 @@ def growth(reference):
     problem, system = reference.problem, reference.problem.system
     n, size, times = system.nv, 1e-5, np.linspace(*reference.problem.span, 50)
     rows = reference.at(times)
-    rate, gains = RightHandSide(system, problem.q0), np.zeros((3, 2))
+    rate, gains = right_hand_side(system, problem.q0), np.zeros((3, 2))
     for tangent in null_space(system.loop_rows(problem.q0)[1]).T:
         for part, change in enumerate(((size * tangent, 0 * tangent), (0 * tangent, size * tangent))):
             start = np.concatenate((problem.q0, problem.v0)) + np.concatenate(change)

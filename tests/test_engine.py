@@ -1,0 +1,303 @@
+"""The compiled method in use: users' functions that raise or call back, interrupts, threads, lifetimes."""
+
+import dataclasses
+import gc
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+from helpers.bodies import mixed_tree
+from helpers.forces import FORCES
+from helpers.twin import LOOSE, assert_same, with_switches
+
+import pinconsist as pc
+from pinconsist import _core
+from pinconsist._core import steppers
+from pinconsist.dae.tuning import Switches
+
+OFF = dict.fromkeys((switch.name for switch in dataclasses.fields(Switches)), False)
+
+
+def test_radau_without_switches_is_as_accurate():
+    """Derivatives at two stages, and iterations that are left out where the last steps promise it, cost no accuracy."""
+    mech, run = pc.load("crank_rocker"), {"v0": {"crank": 12.0}, "method": "Radau", "max_order": 9}
+    tight = pc.simulate(mech, (0.0, 1.0), rtol=1e-12, atol=1e-12, **run).q[-1]
+    fast = pc.simulate(mech, (0.0, 1.0), **run)
+    with with_switches(**OFF):
+        plain = pc.simulate(mech, (0.0, 1.0), **run)
+    assert fast.njev < 0.6 * plain.njev and fast.nfev < plain.nfev
+    assert np.abs(fast.q[-1] - tight).max() < 1e-5 > np.abs(plain.q[-1] - tight).max()
+
+
+def test_what_a_users_force_raises_leaves_what_was_reached():
+    def late(t, q, v):
+        if t > 0.7:
+            raise ValueError("too late")
+        return np.zeros(3)
+
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 1.0), forces=[late])
+    assert sol.status == -1 and "too late" in sol.message and 0.3 < sol.t[-1] <= 0.7
+
+
+def test_a_force_that_is_not_finite_is_named():
+    def broken(t, q, v):
+        return np.full(3, np.nan if t > 0.2 else 0.0)
+
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 1.0), forces=[broken], step=1e-2)
+    assert sol.status == -1 and "not finite" in sol.message and "broken" in sol.message
+
+
+def test_redundant_loops_share_their_load():
+    """A loop that stands there three times: each takes a third, as the multipliers of smallest norm do."""
+    mech = pc.load("four_bar")
+    (loop,) = mech.loops
+    mech = mech.with_loops(loop, dataclasses.replace(loop, name="b"), dataclasses.replace(loop, name="c"))
+    sol = pc.simulate(mech, (0.0, 0.5), **LOOSE)
+    assert not sol.system.dropped_are_zero
+    a, b, c = np.split(sol.lam, 3, axis=1)
+    assert_same(a, b, 1e-9)
+    assert_same(a, c, 1e-9)
+
+
+def test_other_threads_run_and_an_interrupt_comes_through():
+    """During a stretch Python is free: a thread counts, and Ctrl-C ends the run within a tenth of a second."""
+    mech, ticks, done = pc.load("crank_rocker"), [], threading.Event()
+
+    def count():
+        while not done.is_set():
+            ticks.append(time.monotonic())
+            time.sleep(1e-3)
+
+    thread = threading.Thread(target=count)
+    thread.start()
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.setitimer(signal.ITIMER_REAL, 0.3)
+    previous = signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
+    try:
+        begun = time.monotonic()
+        sol = pc.simulate(mech, (0.0, 1e4))
+        took = time.monotonic() - begun
+    finally:
+        signal.signal(signal.SIGALRM, previous)
+        done.set()
+        thread.join()
+    assert sol.status == 1 and "interrupted" in sol.message and sol.nsteps > 1000
+    assert took < 3.0  # the interrupt comes after 0.3 s; what is over is the machine's load
+    assert sum(begun < tick < begun + took for tick in ticks) > 20
+
+
+def test_sources_without_their_compiled_part_say_where_they_are(tmp_path):
+    """Nor that no compiler was found: an installed pinconsist may well have its compiled part."""
+    plain = _core._absent(tmp_path)
+    (tmp_path / "CMakeLists.txt").touch()
+    sources = _core._absent(tmp_path)
+    assert "no C++ compiler was found" in plain and "no C++ compiler" not in sources
+    assert str(tmp_path) in sources and "another folder" in sources and f"-m pip install -e {tmp_path}" in sources
+
+
+def refused(monkeypatch, owner, name, value):
+    """Why the compiled part is not loaded where something else is there than it was built for."""
+    _core.load.cache_clear()
+    monkeypatch.setattr(owner, name, value)
+    try:
+        module, why = _core.load()
+    finally:
+        monkeypatch.undo()
+        _core.load.cache_clear()
+    assert module is None
+    return why
+
+
+def test_a_compiled_part_of_another_version_is_named_and_not_used(monkeypatch):
+    why = refused(monkeypatch, _core, "INTERFACE", -1)
+    assert "not have the version of the Python code" in why and "twin." in why and "install pinconsist again" in why
+
+
+def test_what_a_called_back_function_raises_leaves_what_was_reached():
+    def late(t, p, v):
+        if t > 0.5:
+            raise ValueError("too late")
+        return np.zeros(2)
+
+    problem = pc.HessenbergProblem(
+        U=lambda t, p, v: v, F=late, G=lambda t, p, v: p[:, None], R=lambda t, p: np.array([(p @ p - 1.0) / 2])
+    )
+    sol = pc.integrate(problem, (0.0, 1.0), [1.0, 0.0], [0.0, 1.0], step=0.01, max_order=2)
+    assert sol.status == -1 and "too late" in sol.message and 0.2 < sol.t[-1] <= 0.5
+
+
+def test_a_solution_holds_no_compiled_system():
+    """It would keep the user's functions alive in a cycle that the garbage collector does not see."""
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 0.2), forces=[lambda t, q, v: -0.1 * v])
+    compiled_kinds = tuple(getattr(_core.load()[0], name) for name in ("System", "Projection", "Stepper"))
+    assert not any(isinstance(value, compiled_kinds) for value in vars(sol.system).values())
+
+
+@pytest.mark.parametrize("given", [np.zeros(0), np.zeros(2), np.zeros(4), None, "x"], ids=repr)
+def test_what_a_force_object_returns_is_checked(given):
+    class Own:
+        def torque(self, t, q, v):
+            return given
+
+        def derivatives(self, t, q, v):
+            return None, None
+
+    with pytest.raises(pc.InputError, match="torque of 'Own'"):
+        pc.simulate(pc.load("four_bar"), (0.0, 0.1), forces=[Own()])
+
+
+class OwnError(BaseException):
+    """No Exception: nobody may take it for a failure of the step."""
+
+
+@pytest.mark.parametrize("raised", [GeneratorExit, OwnError])  # SystemExit: test_signals.py
+def test_what_is_no_failure_passes_through(raised):
+    def leave(t, q, v):
+        if t > 0.1:
+            raise raised("out")
+        return np.zeros(3)
+
+    with pytest.raises(raised, match="out"):
+        pc.simulate(pc.load("four_bar"), (0.0, 1.0), forces=[leave])
+
+
+def test_an_interrupt_inside_a_users_force_keeps_what_was_reached():
+    def interrupted(t, q, v):
+        if t > 0.5:
+            raise KeyboardInterrupt
+        return np.zeros(3)
+
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 1.0), forces=[interrupted])
+    assert sol.status == 1 and "interrupted" in sol.message and 0.2 < sol.t[-1] <= 0.5
+
+
+RETURNED = {
+    "whole numbers": lambda x: np.round(10 * x).astype(int),
+    "single precision": lambda x: np.float32(x),
+    "every other number": lambda x: np.repeat(x, 2)[::2],
+    "reversed": lambda x: x[::-1],
+    "read-only": lambda x: np.broadcast_to(x[0], 3),
+}
+
+
+class OwnForce:
+    """A force object that shapes what it returns."""
+
+    def __init__(self, shape):
+        self.shape = shape
+
+    def torque(self, t, q, v):
+        return self.shape(np.array([0.3, -0.2, 0.1]))
+
+    def derivatives(self, t, q, v):
+        return np.asfortranarray(np.zeros((3, 3))), np.zeros((3, 6))[:, ::2]
+
+
+@pytest.mark.parametrize("name", RETURNED)
+def test_arrays_of_any_layout_are_understood(name):
+    shape, scene = RETURNED[name], pc.load("four_bar")
+    plain = pc.simulate(scene, (0.0, 0.3), forces=[OwnForce(lambda x: np.array(shape(x), float))])
+    other = pc.simulate(scene, (0.0, 0.3), forces=[OwnForce(shape)])
+    np.testing.assert_array_equal(other.lam, plain.lam)
+
+
+@pytest.mark.parametrize("inside", ["run", "thread", "garbage collection"])
+def test_a_force_may_simulate_the_same_mechanism(inside):
+    mech, calls = pc.load("four_bar"), []
+
+    def nested():
+        pc.simulate(mech, (0.0, 0.01))
+
+    def alone(t, q, v):
+        return -0.1 * v
+
+    def disturbed(t, q, v):
+        calls.append(t)
+        if len(calls) % 20 == 0:
+            if inside == "thread":
+                thread = threading.Thread(target=nested)
+                thread.start()
+                thread.join()
+            elif inside == "run":
+                nested()
+            else:
+                gc.collect()
+        return -0.1 * v
+
+    runs = [pc.simulate(mech, (0.0, 0.3), forces=[law], **LOOSE) for law in (alone, disturbed)]
+    np.testing.assert_array_equal(runs[0].lam, runs[1].lam)
+
+
+def test_threads_on_one_mechanism_do_not_meet():
+    mech, found = pc.load("crank_rocker"), []
+
+    def run():
+        found.append(pc.simulate(mech, (0.0, 2.0)))
+
+    threads = [threading.Thread(target=run) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    alone = pc.simulate(mech, (0.0, 2.0))
+    assert len(found) == 4
+    for sol in found:
+        np.testing.assert_array_equal(sol.lam, alone.lam)
+
+
+def test_a_solution_outlives_its_mechanism():
+    mech = pc.load("bricard")
+    sol = pc.simulate(mech, (0.0, 0.5), dense_output=True)
+    middle = sol.sol(0.25)
+    del mech
+    gc.collect()
+    for a, b in zip(middle, sol.sol(0.25), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("span", [(0.0, 1e-13), (5.0, 5.0 + 1e-15), (-1e-300, 1e-300), (1e6, 1e6 + 0.1), (0.1, 0.0)])
+def test_strange_spans_end_alike(span):
+    runs = [pc.simulate(pc.load("four_bar"), span, method=method, **LOOSE) for method in ("BDF", "Radau")]
+    assert [run.status for run in runs] == [0, 0]
+    assert [run.t[-1] for run in runs] == [span[1]] * 2
+
+
+def test_the_argument_backend_has_no_effect_and_says_so():
+    mech = pc.load("four_bar")
+    plain = pc.simulate(mech, (0.0, 0.1))
+    with pytest.warns(UserWarning, match="backend= has no effect any more"):
+        asked = pc.simulate(mech, (0.0, 0.1), backend="python")
+    np.testing.assert_array_equal(asked.lam, plain.lam)
+    with pytest.warns(UserWarning, match="backend="):
+        pc.Simulation(mech, backend="auto")
+    problem = pc.paper.reference_problem("problem51")
+    with pytest.warns(UserWarning, match="backend="):
+        pc.integrate(problem.system, (problem.t0, problem.t0 + 0.1), problem.p0, problem.v0, backend="compiled")
+
+
+def test_without_the_compiled_part_a_run_says_what_to_do(monkeypatch):
+    why = "pinconsist was installed without its compiled part"
+    monkeypatch.setattr(_core, "load", lambda: (None, why))
+    with pytest.raises(pc.PinconsistError, match=why):
+        pc.simulate(pc.load("four_bar"), (0.0, 0.05))
+
+
+CALLED_BACK = {"steps": {"step": 1e-2, "max_order": 3, "method": "Radau"}, "BDF": {}, "Radau": {"method": "Radau"}}
+
+
+@pytest.mark.parametrize("how", CALLED_BACK)
+def test_a_mechanism_that_is_called_back_as_any_other_system_moves_the_same(how, monkeypatch):
+    """On manifolds, too: charts, rows and forces then come from Python."""
+    mech = pc.Mechanism(
+        mixed_tree(), [pc.Loop("rope", "distance", "arm", "raft", length=1.0)], [FORCES["spring-damper"]]
+    )
+    options = {"rtol": 1e-8, "atol": 1e-9} | CALLED_BACK[how]
+    native = pc.simulate(mech, (0.0, 0.1), **options)
+    monkeypatch.setattr(steppers, "compiled_system", lambda system: _core.load()[0].CallbackSystem(system))
+    called_back = pc.simulate(mech, (0.0, 0.1), **options)
+    assert native.success and called_back.success
+    within = 1e-12 if how == "steps" else 1e-6
+    for name in ("q", "v", "lam"):
+        assert_same(getattr(native, name)[-1], getattr(called_back, name)[-1], within)
