@@ -407,18 +407,17 @@ private:
     const double noise = FELT * EPS * (1.0 + largest(p1_)) / std::abs(step) * weight_.tail(system_.nv).maxCoeff() * table.leading;
     double error = left(noise);
     if (error > std::pow(STAGE_SAFETY, control.exponent())) // the next step would be shorter
-      error = left(std::max(noise, rounding_of_forces()));
+      error = left(std::max(noise, rounding_of_loops()));
     return error <= 1.0 && system_.sharp ? with_unseen(error) : error;
   }
 
-  // The rounding of the highest mode, in tolerances, where constraint rows are nearly dependent; else 0. Loops closed to
-  // rounding leave positions undetermined by far more there, and with them the forces.
-  double rounding_of_forces() {
+  // The rounding of the highest mode, in tolerances, that comes from loops closed to rounding. If all velocities are
+  // determined, it is that of the positions. Otherwise these only act on the forces, where rows are nearly dependent.
+  double rounding_of_loops() {
     const int nv = system_.nv, nc = system_.nc;
-    if (nc == 0 || nc == nv) return 0.0;
-    const Stages &of = newton.stages;
-    const RadauTable &table = *of.table;
-    const double t1 = of.time(of.size() - 1), reach = 1.0 + largest(p1_);
+    if (nc == 0) return 0.0;
+    const RadauTable &table = *newton.stages.table;
+    const double reach = 1.0 + largest(p1_);
     rhs_.setZero(nv + nc, 1);
     for (int i = 0; i < nc; ++i) rhs_(nv + i, 0) = i % 2 ? 1.0 : -1.0;
     kkt_.solve(rhs_, 1.0, 0);
@@ -426,11 +425,21 @@ private:
     rhs_.col(0).head(nv).setZero();
     kkt_.solve(rhs_, 1.0, 0);
     shift_ = rhs_.col(0).head(nv);
-    const double far = largest(shift_), scale = TURNED * reach / far;
-    if (far < BESIDE * reach) return 0.0;
-    shift_ *= scale; // rounding is too small to be seen in the forces
-    const FewNumbers row = table.modes.row(of.size() - 1).transpose();
-    const double speed = (row.transpose() * table.inverse).norm() / row.norm() / of.h;
+    if (nc == nv) {
+      modes_.col(0) = shift_ / (newton.stages.h * newton.stages.h);
+      return size_of(0) * table.leading;
+    }
+    return largest(shift_) < BESIDE * reach ? 0.0 : rounding_of_forces(TURNED * reach / largest(shift_));
+  }
+
+  // The same of the forces there, from positions that differ by shift_ times a scale: rounding is too small to be seen.
+  double rounding_of_forces(double scale) {
+    const int nv = system_.nv, nc = system_.nc;
+    const Stages &of = newton.stages;
+    const double t1 = of.time(of.size() - 1);
+    shift_ *= scale;
+    const FewNumbers row = of.table->modes.row(of.size() - 1).transpose();
+    const double speed = (row.transpose() * of.table->inverse).norm() / row.norm() / of.h;
     v_between_ = v1_ + speed * shift_;
     if (!system_.rate_is_velocity) shift_ = system_.moved_by(t1, p1_, v1_, shift_);
     system_.integrate(p1_, shift_, moved_);
