@@ -344,6 +344,7 @@ def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
             units = of_rows[row], of_rows[np.argmax(np.abs(rho)) % rho.shape[1]]
         where = f"{label} at t = {solution.t[i]:.6g} s"
     energy = None if mechanism is None else energy_of(solution, mechanism, workspace, system, found)
+    seen = _seen(solution, finer)
     balance, work_error = (0.0, 0.0) if energy is None else _balance(solution, energy, finer)
     return Certificate(
         position=position,
@@ -358,18 +359,28 @@ def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
         energy=None if energy is None else energy.total,
         undetermined={} if mechanism is None else undetermined(mechanism, t, q, system.data, system.rows),
         not_unique={} if mechanism is None else _shared(solution, mechanism, system, workspace),
-        beyond_limits=() if mechanism is None else beyond_limits(mechanism, solution.t, solution.q),
+        beyond_limits=() if mechanism is None else beyond_limits(mechanism, *seen[:2]),
         corrected_by=0.0 if mechanism is None else mechanism.corrected_by,
         fixed_step=solution.method.get("step") is not None,
         ended_early=solution.status < 0,
-        saturated={} if mechanism is None else saturated(mechanism, solution.t, solution.q, solution.v),
+        saturated={} if mechanism is None else saturated(mechanism, *seen[:3]),
         error=None if finer is None else global_error(solution, finer),
         error_missing=missing,
         added=_added(solution, energy, system),
         branches=_branches(solution, system, finer) if finer is not None or missing else (),
-        pulling={} if mechanism is None else _pulling(mechanism, system.rows, t, solution.lam),
+        pulling={} if mechanism is None else _pulling(mechanism, system.rows, seen[0], seen[3]),
         not_modelled=() if mechanism is None else mechanism.ignored,
     )
+
+
+def _seen(solution, finer):
+    """t, q, v and λ of the rows and, in long steps between them, of the finer run."""
+    rows = solution.t, solution.q, solution.v, solution.lam
+    if finer is None:
+        return rows
+    both = [np.concatenate(pair) for pair in zip(rows, (finer.t, finer.q, finer.v, finer.lam), strict=True)]
+    order = np.argsort(both[0] if solution.t[-1] >= solution.t[0] else -both[0], kind="stable")
+    return [column[order] for column in both]
 
 
 def _pulling(mechanism, rows, t, lam) -> dict[str, float]:

@@ -14,7 +14,7 @@ from .accuracy import PATIENCE, GlobalError, NotEstimatedError, accelerations, f
 from .certificate import Certificate, certify
 from .errors import InputError
 from .mechanism.checks import finite_array
-from .mechanism.energy import Energy, energy_of
+from .mechanism.energy import UNCERTAIN, Energy, energy_of, refined
 from .mechanism.forces.actuators import commands, replayed
 from .mechanism.forces.held import sided
 from .mechanism.mechanism import Mechanism
@@ -273,7 +273,11 @@ class Solution(ByName):
         mechanism = self._replayed(mechanism) or getattr(self.system, "mechanism", None)
         if mechanism is None:
             raise InputError("energy is defined for mechanisms only, not for a general problem")
-        return energy_of(self, mechanism, self._workspace(mechanism.model))
+        workspace = self._workspace(mechanism.model)
+        energy = energy_of(self, mechanism, workspace)
+        if energy.work_error <= UNCERTAIN:
+            return energy
+        return refined(energy, mechanism, lambda times: states_at(self, times, mechanism), workspace)
 
     def reaction(
         self, loop: str, mechanism=None, *, axes: str = "world", compliance: Mapping | None = None

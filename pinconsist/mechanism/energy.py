@@ -1,6 +1,6 @@
 """The energy of a solution: stored energy, the power and work of each force, and the error of the balance."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import hypot
 
@@ -13,6 +13,8 @@ from .forces.force import BoundForce
 from .forces.held import sided
 from .rows import KeptRows, LoopRows, Workspace
 
+UNCERTAIN = 1e-4  # work_error from which states between the rows are used
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)  # exact up to degree 11: for steps of Radau of high order
 EVENTS = "events"  # key in ``work`` of the energy change in the jumps at events
 
 
@@ -34,8 +36,8 @@ class Energy:
         spring with damper this is the power of the damper, which is negative). For each drive and each constraint that
         depends on time, -λ·Φ_t; for a drive this is motor torque times speed. The sum is d(total)/dt.
     work : dict[str, ndarray]
-        Integral of each power from the first row on, by a cubic spline through the rows; its accuracy is limited if
-        there are few rows. ``"events"`` is the change of energy in the jumps at events.
+        Integral of each power from the first row on: by a cubic spline through the rows or, if they are too few for
+        that, by Gauss's formula at states between them. ``"events"`` is the change of energy in the jumps at events.
     error : ndarray
         ``total`` minus its first value minus all work.
     """
@@ -111,12 +113,7 @@ def energy_of(solution, mechanism, workspace=None, system=None, found=None) -> E
         power[label], elastic = measured.get(label) or _brought(force, sided(t), q, v)
         if hasattr(force, "stored"):
             stored[label] = elastic
-    if rows.moving:
-        brought = -solution.lam * _time_rates(rows, t, q, workspace)
-        for closure in rows.closures:
-            if closure.moving:
-                name = closure.loop.name
-                power[unused(name, power)] = brought[:, rows.slices[name]].sum(axis=1)
+    _add_drives(power, rows, t, q, solution.lam, workspace)
     elastic = sum(stored.values(), np.zeros(n))
     total = kinetic + potential + elastic
     done, acts = np.zeros((len(power), n)), [k for k, each in enumerate(power.values()) if each.any()]
@@ -131,6 +128,38 @@ def energy_of(solution, mechanism, workspace=None, system=None, found=None) -> E
         t=t, kinetic=kinetic, potential=potential, elastic=elastic, total=total, stored=stored, power=power, work=work,
         error=error, _terms=max(np.abs(total).max(), elastic.max(), terms[0]),
     )  # fmt: skip
+
+
+def _add_drives(power, rows, t, q, lam, workspace):
+    """The power of each constraint that depends on time."""
+    if rows.moving:
+        brought = -lam * _time_rates(rows, t, q, workspace)
+        for closure in rows.closures:
+            if closure.moving:
+                name = closure.loop.name
+                power[unused(name, power)] = brought[:, rows.slices[name]].sum(axis=1)
+
+
+def refined(energy, mechanism, states, workspace) -> Energy:
+    """The same energies with the work by states between the rows: ``states(times)`` returns (q, v, λ)."""
+    t, rows, forces = energy.t, LoopRows.of(mechanism), bound_forces(mechanism.model, mechanism.forces)
+    steps = np.diff(t)
+    long = np.flatnonzero(steps)
+    times = (t[long, None] + 0.5 * (1.0 + NODES) * steps[long, None]).ravel()
+    q, v, lam = states(times)
+    labels, columns = measure(forces, times, q, v, workspace)
+    measured = dict(zip(labels, columns[:, 3::2].T, strict=True))
+    power = {}
+    for label, force in forces.items():
+        power[label] = measured[label] if label in measured else _brought(force, times, q, v)[0]
+    _add_drives(power, rows, times, q, lam, workspace)
+    work, error = dict(energy.work), energy.error + sum(energy.work[label] for label in power)
+    for label, values in power.items():
+        pieces = np.zeros(len(t))
+        pieces[long + 1] = 0.5 * steps[long] * (values.reshape(len(long), -1) @ WEIGHTS)
+        work[label] = np.cumsum(pieces)
+        error = error - work[label]
+    return replace(energy, work=work, error=error)
 
 
 def total_power(forces, t, q, v, workspace, found=None):
