@@ -87,7 +87,7 @@ class Pulse:
 def parallelogram():
     """Two cranks and a coupler, without gravity, with a spring and a damper on a crank."""
     mech = pc.load("n_four_bar_1").with_gravity((0.0, 0.0, 0.0))
-    return mech.with_forces(pc.JointSpring("crank0", STIFFNESS), pc.JointDamping({"crank0": DAMPING}))
+    return mech.add_forces(pc.JointSpring("crank0", STIFFNESS), pc.JointDamping({"crank0": DAMPING}))
 
 
 @cache

@@ -11,12 +11,21 @@ from pathlib import Path
 from .errors import InputError
 
 
+def as_path(file) -> Path:
+    """The path of a file; InputError for what is no path."""
+    try:
+        return Path(file)
+    except TypeError:
+        raise InputError(f"a file must be named by a path, got {file!r}") from None
+
+
 @contextmanager
 def written_whole(file):
     """A binary stream whose content becomes `file` at the end of the block; after an error nothing is left behind.
 
     What is not a regular file, such as /dev/stdout or a pipe, is written to directly and never replaced.
     """
+    file = as_path(file)
     if os.path.exists(file) and not os.path.isfile(file):
         with open(file, "wb") as stream:
             yield stream
@@ -48,13 +57,13 @@ def _sync_folder(folder) -> None:
 
 def suffixed(file, suffix: str) -> Path:
     """The path with a suffix added to a name without it."""
-    path = Path(file)
+    path = as_path(file)
     return path if path.suffix == suffix else path.with_name(path.name + suffix)
 
 
 def require_writable(file) -> None:
     """Raise InputError now for a file that could not be written after a long run."""
-    path = Path(file)
+    path = as_path(file)
     folder = path.absolute().parent
     if path.is_dir():
         raise InputError(f"{file} cannot be written: it is a folder")

@@ -31,7 +31,7 @@ def method_of(span, method, step, max_order, rtol, atol, consistency, first_step
     """The method that the arguments of :func:`pinconsist.simulate` ask for, or InputError."""
     choices = (("method", method, METHODS), ("consistency", consistency, MODES))
     for what, chosen, known in choices:
-        if chosen not in known:
+        if not (isinstance(chosen, str) and chosen in known):
             raise InputError(f"unknown {what} {chosen!r}; choose from {', '.join(map(repr, known))}")
     stages = _stages(max_order, step, consistency) if method == "Radau" else None
     check_mode(consistency, step is not None)
@@ -50,7 +50,7 @@ def method_of(span, method, step, max_order, rtol, atol, consistency, first_step
             raise InputError(f"step = {step:g} s makes {steps:.1g} steps until t = {span[1]:g} s; set max_steps to try")
         return dae.Method(order, consistency, FixedStep(), step, max_steps=max_steps, stages=stages)
     first_step = None if first_step is None else positive_time(first_step, "first_step")
-    max_step = np.inf if max_step == np.inf else positive_time(max_step, "max_step")
+    max_step = np.inf if isinstance(max_step, float) and max_step == np.inf else positive_time(max_step, "max_step")
     tolerances = _pair(rtol, "rtol"), _pair(atol, "atol")
     control = ErrorControl(*tolerances, order, max_step, consistency == "every-step", stages)
     asked = control.asked[0]
@@ -98,7 +98,7 @@ def _stages(max_order, step, consistency) -> int:
     orders = {2 * s - 1: s for s in STAGES}
     if max_order is None:
         return 0 if step is None else FIRST_STAGES
-    if isinstance(max_order, bool) or max_order not in orders:
+    if isinstance(max_order, bool) or not isinstance(max_order, int | float | np.number) or max_order not in orders:
         raise InputError(f"max_order of Radau must be one of {', '.join(map(str, orders))}, got {max_order!r}")
     return orders[max_order]
 

@@ -12,6 +12,7 @@ from .accuracy import accelerations
 from .errors import InputError, MissingExtraError
 from .files import write_csv
 from .mechanism.checks import frame_of, near, places, read_only, several
+from .mechanism.checks import name as checked_name
 from .mechanism.energy import torques_of
 from .mechanism.forces import bound_forces
 from .mechanism.forces.actuators import Actuator
@@ -198,7 +199,7 @@ class ByName:
         """
         mechanism = self._mechanism(mechanism, "torque")
         loops = {loop.name: loop for loop in mechanism.loops if loop.kind in ("drive", "coupling")}
-        if name in loops:
+        if checked_name(name, "torque(): the force, drive or joint") in loops:
             row: int = LoopRows.of(mechanism).slices[name].start
             return self.lam[:, row]
         label = self._label(mechanism, name)
@@ -240,7 +241,7 @@ class ByName:
         """
         mechanism = self._mechanism(mechanism, "power")
         loops = {loop.name: loop for loop in mechanism.loops if not isinstance(loop, Loop)}
-        if name in loops:
+        if checked_name(name, "power(): the force, drive or joint") in loops:
             return (self.reaction(name, mechanism).joint_forces * self.v).sum(axis=1)
         label = self._label(mechanism, name)
         part = slice(None) if label is not None else _part(mechanism, name)
@@ -339,7 +340,7 @@ class ByName:
         """(name, unit, values, whether they are unique) of the columns of a loop, a joint or a force."""
         of_joints = [{"rad": "N·m", "m": "N"}.get(unit, "") for unit in velocity_units(mechanism.model)]
         loops = [loop.name for loop in mechanism.loops]
-        if name in loops or name in mechanism.joints:
+        if checked_name(name, "forces: a loop, joint or force") in loops or name in mechanism.joints:
             found = self.reaction(name, mechanism)
             doubted = found.not_unique if found.shared_with else ()
             for what, unit in ("force", "N"), ("moment", "N·m"):
@@ -380,7 +381,7 @@ def _dataframe(names, units, values, shared):
 
 def _element(mechanism, forces, name) -> str:
     """The label of the force that `name` means."""
-    if name in forces:
+    if checked_name(name, "force(): the force") in forces:
         return name
     having = [label for label in forces if name in label.replace(",", " ").replace("-", " ").split() + label.split()]
     if len(having) == 1:
@@ -398,7 +399,7 @@ def _element(mechanism, forces, name) -> str:
 
 def _part(mechanism, name, positions=False) -> list[int]:
     """The columns of a joint, or of one of its numbers, in v, or in q."""
-    joint = name if name in mechanism.joints else name.partition("[")[0]
+    joint = name if not isinstance(name, str) or name in mechanism.joints else name.partition("[")[0]
     part = places(mechanism.model, mechanism.joint_index(joint))[0 if positions else 1]
     every = list(range(part.start, part.stop))
     found = {joint: every} | {f"{joint}[{k}]": [column] for k, column in enumerate(every)}

@@ -12,7 +12,7 @@ from .dae.problem import Index3System
 from .errors import InputError
 from .interrupts import deferred
 from .mechanism.assembly import assembled
-from .mechanism.checks import finite_array
+from .mechanism.checks import finite_array, flag
 from .mechanism.closing import LoopSolver
 from .mechanism.mechanism import Mechanism, with_added_forces
 from .mechanism.rank import require_nonsingular
@@ -213,4 +213,4 @@ def _output(span, t_eval, dense_output, events, callback) -> Output:
             raise InputError(f"t_eval must be times between {low:g} and {high:g} s")
         if ((span[1] - span[0]) * np.diff(t_eval) < 0).any():
             raise InputError("t_eval must be sorted in the direction of t_span")
-    return Output(t_eval, bool(dense_output), events, callback)
+    return Output(t_eval, flag(dense_output, "dense_output"), events, callback)

@@ -15,6 +15,7 @@ from .certificate import Certificate, certify
 from .errors import InputError
 from .mechanism.checks import finite_array
 from .mechanism.energy import UNCERTAIN, Energy, energy_of, refined
+from .mechanism.checks import name as checked_name
 from .mechanism.forces.actuators import commands, replayed
 from .mechanism.forces.held import sided
 from .mechanism.mechanism import Mechanism
@@ -309,6 +310,7 @@ class Solution(ByName):
         there.
         """
         mechanism = self._mechanism(mechanism, "joint_force")
+        checked_name(joint, "joint_force(): the joint")
         if joint not in mechanism.joints and joint in (loop.name for loop in mechanism.loops):
             raise InputError(
                 f"{mechanism.name}: {joint!r} is a loop, not a joint of the tree: use sol.reaction({joint!r})"

@@ -118,7 +118,7 @@ def test_bad_tables_are_named(table, words):
 @pytest.mark.parametrize("size", [0.0, 3.0])
 def test_gradients_by_the_nodes_of_a_table(method, size):
     """Steps across nodes had them wrong by a third where all values were zero."""
-    mech, times = pc.load("four_bar").with_forces(pc.Actuator("motor", "crank")), np.linspace(0.0, 0.3, 50)
+    mech, times = pc.load("four_bar").add_forces(pc.Actuator("motor", "crank")), np.linspace(0.0, 0.3, 50)
     values = size * np.random.default_rng(1).standard_normal(50)
     names = [f"motor.control.values[{i}]" for i in range(50)]
     options = {"method": method, "rtol": 1e-8, "atol": 1e-10}
@@ -141,7 +141,7 @@ def test_gradients_past_a_jump_of_a_function_of_time():
     base = pc.load("four_bar")
 
     def build(theta):
-        return base.with_forces({"crank": lambda t: theta[0] * (0.0771 <= t < 0.2)})
+        return base.add_forces({"crank": lambda t: theta[0] * (0.0771 <= t < 0.2)})
 
     def end(x):
         return pc.simulate(build([x]), (0.0, 0.3), method="Radau", rtol=1e-12, atol=1e-13).q[-1]

@@ -158,6 +158,8 @@ def test_errors_are_in_terms_of_the_command_line(run, arguments, told):
     [
         ("take load(…, precision=1e-6), or", "take --precision 1e-6, or"),
         ("tighten rtol, or give package_dirs=", "tighten --rtol, or give --package-dir"),
+        ("ignore=['plugin Detach'] loads the file", "--ignore 'plugin Detach' loads the file"),
+        ("ignore=['drake:ball_constraint'] loads", "--ignore drake:ball_constraint loads"),
         ("the first step, a method of order 3", "the first step, a method of order 3"),
         ("step = 1e-300 s is too small", "--step 1e-300 s is too small"),
     ],

@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError, MissingExtraError
-from ..files import written_whole
+from ..files import as_path, written_whole
 from ..mechanism.checks import spread
 from ..mechanism.forces import JointDamping, JointFriction, JointSpring, JointTorque, SpringDamper, model_forces
 from ..mechanism.joint_constraints import Coupling, Drive
@@ -39,7 +39,7 @@ OPERATIONS = {
 
 def to_c(act, file) -> Path:
     """See :meth:`Actuation.to_c`."""
-    path, mechanism, chosen = Path(file), act.mechanism, act._chosen
+    path, mechanism, chosen = as_path(file), act.mechanism, act._chosen
     if path.suffix != ".c" or not re.fullmatch(r"[A-Za-z_]\w*", path.stem, re.ASCII):
         raise InputError(f"{file}: C code is written to name.c, where name must be a valid prefix of C function names")
     if act._shared:

@@ -5,13 +5,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import product
 from math import inf, tau
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError, SingularSystemError
-from ..files import write_csv, written_whole
+from ..files import as_path, write_csv, written_whole
 from ..mechanism.checks import finite_array, frame_of
 from ..mechanism.forces import Wrench
 from ..mechanism.mechanism import Mechanism
@@ -248,7 +247,7 @@ def _end(act, q, k, start, stride, most):
 
 def table(act, positions, file=None) -> dict[str, np.ndarray]:
     """See :meth:`Actuation.table`."""
-    suffix = "" if file is None else Path(file).suffix
+    suffix = "" if file is None else as_path(file).suffix
     if file is not None and suffix not in (".npz", ".csv"):
         raise InputError(f"{file}: a table is written as .npz or .csv")
     if not isinstance(positions, Mapping) or not positions:

@@ -10,6 +10,7 @@ import pinocchio as pin
 from ..errors import InputError, SingularSystemError
 from ..mechanism.assembly import assemble
 from ..mechanism.checks import finite_array, number, require_mechanism, warn
+from ..mechanism.checks import names as checked_names
 from ..mechanism.closing import NEARLY, LoopSolver
 from ..mechanism.forces import Actuator, Servo
 from ..mechanism.joint_constraints import Drive
@@ -29,7 +30,7 @@ class Motors:
 
     def __init__(self, mech, motors=None, q0=None):
         require_mechanism(mech, "Actuation")
-        joints = tuple(mech.actuated if motors is None else ([motors] if isinstance(motors, str) else motors))
+        joints = mech.actuated if motors is None else checked_names(motors, "motors")
         if not joints:
             raise InputError(f"{mech.name} has no motors: name joints, Actuation(mech, motors=[…]), or set actuated=")
         self.mechanism: Mechanism = _without_motors(mech, joints)

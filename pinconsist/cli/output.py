@@ -4,6 +4,7 @@ import json
 import math
 import re
 import secrets
+import shlex
 import shutil
 import sys
 import tempfile
@@ -31,6 +32,7 @@ ARGUMENT = re.compile(
     r"(?<!-)\b(max_order|max_steps?|rtol|atol|package_dirs|free_flyer|precision|closure|loops|ignore|consistency|method|step|at)"
     r" ?= ?'?([^\s',;:()]*)'?|(?<!-)\b(max_order|max_steps?|rtol|atol|package_dirs|free_flyer)\b"
 )
+IGNORED = re.compile(r"\bignore ?= ?\['([^']*)'\]")
 SPELT = {"max_order": "order", "package_dirs": "package_dir"}
 
 PATIENCE = 1.0  # s before the progress bar of a run appears
@@ -140,6 +142,7 @@ def message(kind, text):
 def in_options(text) -> str:
     """A text of the package with Python's arguments replaced by options: ``--rtol 1e-6`` for ``rtol = 1e-6``."""
     text = LOADED.sub(r"\1", CONTROLS.sub("?", str(text)))
+    text = IGNORED.sub(lambda found: f"--ignore {shlex.quote(found[1])}", text)
     return ARGUMENT.sub(lambda found: f"--{SPELT.get(name := found[1] or found[3], name).replace('_', '-')}"
                         + (f" {found[2]}" if found[2] else ""), text)  # fmt: skip
 

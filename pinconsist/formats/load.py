@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import FormatError, InputError
-from ..mechanism.checks import several
+from ..mechanism.checks import choice, flag, several
 from ..mechanism.loops import GROUND, Loop, anchor
 from ..mechanism.mechanism import Geometry, Mechanism
 from . import catalogue, loopfile
@@ -74,8 +74,9 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=(),
     FormatError
         A file that cannot be read as a scene; the message names the file and the element.
     """
-    if closure is not None and closure not in _CLOSURES:
-        raise InputError(f"closure={closure!r} is not one of {', '.join(_CLOSURES)}")
+    if closure is not None:
+        choice(closure, _CLOSURES, "closure")
+    free_flyer = flag(free_flyer, "free_flyer")
     package_dirs, ignore = several(package_dirs), several(ignore)
     if not all(isinstance(folder, (str, os.PathLike)) for folder in package_dirs):
         raise InputError(f"package_dirs= needs folders, got {package_dirs!r}")

@@ -267,7 +267,7 @@ def refuse(found: Iterable[tuple[str, Element]], ignore, root: Element, content,
         raise FormatError(
             f"the extension <{tag}> is not supported, and without it this would be another machine: it closes a loop "
             f"or joins bodies; {advice}. "
-            f"ignore=[{tag!r}] (--ignore {tag}) loads the file without it",
+            f"ignore=[{tag!r}] loads the file without it",
             element=f"line {_line(content, root, element)}, {tag}{f' {name!r}' if name else ''}",
         )
 

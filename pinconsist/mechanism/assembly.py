@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import AssemblyError, InputError
-from .checks import coordinates, finite_array, require_mechanism, warn
+from .checks import coordinates, number, require_mechanism, warn
 from .closing import CLOSED, NEARLY, LoopSolver
 from .correction import hint
 from .lie import difference
@@ -99,7 +99,7 @@ def assemble(mechanism, q0=None, v0=None, *, fixed=None, t: float = 0.0, toleran
         Unknown joints, wrong sizes, NaN.
     """
     require_mechanism(mechanism, "assemble")
-    return assembled(LoopSolver(mechanism, t), q0, v0, fixed, tolerance)
+    return assembled(LoopSolver(mechanism, number(t, "t")), q0, v0, fixed, tolerance)
 
 
 def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, advises=True) -> Assembly:
@@ -107,8 +107,7 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, 
     mechanism, t = solver.mechanism, solver.t
     if not (fixed is None or isinstance(fixed, Mapping)):
         raise InputError(f"fixed= needs a mapping joint name → value, got {fixed!r}")
-    if not finite_array(tolerance, "tolerance") > 0:
-        raise InputError(f"tolerance must be positive, got {tolerance!r}")
+    tolerance = number(tolerance, "tolerance", above=0.0)
     fixed, named = dict(fixed or {}), dict(q) if isinstance(q, Mapping) else {}
     held = {**named, **fixed}
     base = mechanism.guess.copy() if q is None or isinstance(q, Mapping) else mechanism.configuration(q)

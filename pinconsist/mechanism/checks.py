@@ -89,6 +89,28 @@ def name(value, what: str) -> str:
     return value
 
 
+def names(values, what: str) -> tuple[str, ...]:
+    """One name or a sequence of names as a tuple; else InputError."""
+    if not (isinstance(values, str) or (hasattr(values, "__iter__") and _ndim(values) < 2)):
+        raise InputError(f"{what} must be a sequence of names, got {values!r}")
+    return tuple(name(each, what) for each in several(values))
+
+
+def choice(value, known, what: str) -> str:
+    """One of the texts `known`; else InputError."""
+    if not (isinstance(value, str) and value in known):
+        raise InputError(f"{what}={value!r} is not one of {', '.join(map(repr, known))}")
+    return value
+
+
+def flag(value, what: str) -> bool:
+    """True or False; InputError for a value that is neither, such as an array."""
+    try:
+        return bool(value)
+    except ValueError:
+        raise InputError(f"{what} must be True or False, got {value!r}") from None
+
+
 def require_functions(record, who: str, of: str, *fields: str, optional: tuple[str, ...] = ()) -> None:
     """Raise InputError if one of these fields is not a function; `optional` fields may be None."""
     for field in (*fields, *optional):
@@ -165,7 +187,7 @@ def coordinates(model, joint: str, q) -> tuple[float, ...]:
 def frame_of(model, frame: str, what: str):
     """The frame with this name; InputError if there is none or more than one."""
     names = [each.name for each in model.frames]
-    if frame not in names:
+    if not isinstance(frame, str) or frame not in names:
         raise InputError(f"{what}: the model has no frame {frame!r}{near(frame, names)}")
     if names.count(frame) > 1:
         raise InputError(

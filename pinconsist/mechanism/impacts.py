@@ -62,6 +62,9 @@ class Impact:
     name: str = field(default="", kw_only=True)
 
     def __post_init__(self):
+        for which in ("joint", "frame"):
+            if not isinstance(getattr(self, which), str):
+                raise InputError(f"{which} of an impact must be a name, got {getattr(self, which)!r}")
         limits = self.upper is not None or self.lower is not None
         if bool(self.joint) == bool(self.frame) or (self.frame and limits):
             raise InputError("an impact needs a joint, with upper= or lower= or the limits of its file, or a frame=")

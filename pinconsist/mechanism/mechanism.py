@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .checks import checked_model, near, normalized, number, places, put, require_mechanism, triple
+from .checks import checked_model, finite_array, near, normalized, number, places, put, require_mechanism, triple
 from .correction import correction
 from .custom import Constraint
 from .description import html_of, text_of
@@ -143,7 +143,7 @@ class Mechanism:
 
         Raises InputError for an unknown joint; the message lists the joints of the mechanism.
         """
-        if joint not in self.joints:
+        if not isinstance(joint, str) or joint not in self.joints:
             known = ", ".join(self.joints[:12]) + (", …" if len(self.joints) > 12 else "")
             resembling = near(joint, self.joints) if len(self.joints) > 12 else ""
             frame = isinstance(joint, str) and self.model.existFrame(joint)
@@ -160,7 +160,7 @@ class Mechanism:
         a configuration (nq,), by default ``pin.neutral``. `values` may also be a configuration (nq,), which is copied.
         Raises InputError for an unknown joint, a wrong size, NaN, a quaternion or pair of length zero.
         """
-        start = pin.neutral(self.model) if base is None else np.array(base, float)
+        start = pin.neutral(self.model) if base is None else finite_array(base, "base")
         return normalized(self.model, filled(self, values, start), self.name)
 
     def velocity(self, values) -> np.ndarray:
@@ -178,6 +178,8 @@ class Mechanism:
         `values` is a mapping for names that are not Python identifiers; `joints` are the others. See
         :meth:`configuration`.
         """
+        if not (values is None or isinstance(values, Mapping)):
+            raise InputError(f"{self.name}.q() needs a mapping joint name → value, got {values!r}")
         return self.configuration({**(values or {}), **joints}, self.guess)
 
     def with_loops(self, *loops: Loop | Drive | Coupling | Constraint) -> Mechanism:

@@ -10,7 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .checks import near, read_only
+from .checks import choice, near, read_only
+from .checks import name as checked_name
 from .loops import Loop
 from .mechanism import Mechanism
 from .peaks import HasPeaks
@@ -249,7 +250,7 @@ def reaction(states: States, name: str, axes: str = "world", compliance=None) ->
     """The reaction of one loop, or what a joint of the tree transmits."""
     mechanism = states.mechanism
     names = [loop.name for loop in mechanism.loops]
-    if name not in names:
+    if checked_name(name, "reaction(): the loop or joint") not in names:
         if name in mechanism.joints:
             return joint_force(states, name, axes, compliance)
         _require_no_fixed_joint(mechanism, name)
@@ -313,8 +314,7 @@ def _require_no_fixed_joint(mechanism, name):
 
 
 def _require_axes(method, axes, known):
-    if axes not in known:
-        raise InputError(f"{method}: axes={axes!r} is not one of {', '.join(map(repr, known))}")
+    choice(axes, known, f"{method}: axes")
 
 
 def shared_loads(states: States) -> dict[str, tuple[str, ...]]:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from ..errors import InputError, MissingExtraError
 from ..files import written_whole
+from ..mechanism.checks import flag
 from .picture import picture
 from .plots import plot_solution
 
@@ -117,6 +118,7 @@ def replay(
     import webbrowser
 
     options = {"speed": speed, "fps": FPS, "traces": traces, "forces": forces}
+    open_browser = flag(open_browser, "open_browser")
     address, fetched = _serve(page_of(mech, sol, **options, loop=loop))
     log.info("replay at %s", address)
     if open_browser and webbrowser.open(address):

@@ -4,13 +4,13 @@ from collections.abc import Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from textwrap import fill
 
 import numpy as np
 
 from ..errors import InputError, MissingExtraError
-from ..files import written_whole
+from ..files import as_path, written_whole
+from ..mechanism.checks import require_mechanism
 from ..mechanism.names import position_names, position_units, velocity_names
 from ..mechanism.reactions import States, not_determined, reactions, shared_loads, undetermined
 from ..mechanism.rows import LoopRows, Workspace
@@ -54,7 +54,7 @@ def require_figure(file=None) -> str:
     except ImportError:
         raise MissingExtraError("figures need matplotlib; install it with: pip install 'pinconsist[plot]'") from None
     known = matplotlib.backend_bases.FigureCanvasBase.get_supported_filetypes()
-    ending = Path(file or "").suffix.lstrip(".").lower()
+    ending = as_path("" if file is None else file).suffix.lstrip(".").lower()
     if file is not None and ending not in known:
         raise InputError(f"{file}: a figure's file must end in one of {', '.join(sorted(known))}")
     return ending
@@ -181,6 +181,8 @@ class DrawnSolution:
     def __init__(self, sol, mech=None):
         self.sol, self.system = sol, getattr(sol, "system", None)
         self.mech = mech if mech is not None else getattr(self.system, "mechanism", None)
+        if mech is not None:
+            require_mechanism(mech, "a figure: mech=")
         missing = [name for name in ("t", "q", "v", "lam") if not hasattr(sol, name)]
         if missing:
             several = "; pc.plot({name: run, …}, quantity) draws several runs" if isinstance(sol, Mapping) else ""

@@ -8,7 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from ..mechanism.checks import near
+from ..mechanism.checks import flag, near
+from ..mechanism.checks import names as checked_names
 from ..mechanism.reactions import not_determined, undetermined
 from . import arrows
 from .arrows import COLORS, FORCE, JOINT, MOMENT, RIGHT, UNITS, WRONG, Action
@@ -116,6 +117,7 @@ def picture(
     """
     from .visuals import visuals  # and with it coal, only when something is shown
 
+    forces, loop, beside = flag(forces, "forces"), flag(loop, "loop"), flag(beside, "panel")
     runs = runs_of(mech, sol, forces=forces)
     if first is not None:
         runs = [replace(run, true=replace(run, q=first.q, lam=first.lam)) for run in runs]
@@ -185,7 +187,7 @@ def picture(
 def _frames(traces, runs) -> list[str]:
     if isinstance(traces, str):
         raise InputError(f"traces needs a sequence of frame names, like traces=[{traces!r}]")
-    traces = list(dict.fromkeys(traces))
+    traces = list(dict.fromkeys(checked_names(traces, "traces")))
     for mech in (run.mech for run in runs):
         names = [frame.name for frame in mech.model.frames]
         if unknown := [name for name in traces if name not in names]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InputError
+from ..mechanism.checks import names as checked_names
 from . import panels
 from .panels import DrawnSolution, clock, legend_beside, new_figure, of_quantities, sparse, style
 
@@ -119,7 +120,7 @@ def plot_solution(sol, file=None, mech=None, what=("trajectory", "multipliers"))
     OSError
         The file cannot be written.
     """
-    names = list(dict.fromkeys([what] if isinstance(what, str) else what))
+    names = list(dict.fromkeys(checked_names(what, "what")))
     if not names or (unknown := [name for name in names if name not in PICTURES]):
         reason = f"there is no picture {unknown[0]!r}" if names else "what= names no picture"
         raise InputError(f"{reason}; available: {', '.join(PICTURES)}")
@@ -223,6 +224,8 @@ def plot_comparison(rows, file=None) -> Figure:
     MissingExtraError
         matplotlib is not installed.
     """
+    if not hasattr(rows, "__iter__"):
+        raise InputError(f"plot_comparison needs rows of paper.compare, got {type(rows).__name__}")
     rows = list(rows.values() if isinstance(rows, Mapping) else rows)
     records = [row if isinstance(row, Mapping) else getattr(row, "__dict__", {}) for row in rows]
     for record, row in zip(records, rows, strict=True):

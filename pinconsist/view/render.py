@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError, MissingExtraError
-from ..files import written_whole
+from ..files import as_path, written_whole
 from ..mechanism.checks import finite_array
 from .motion import playing_times, runs_of
 from .picture import picture
@@ -28,8 +28,8 @@ def render(mech, sol, file, *, speed=1.0, traces=(), forces=False, at=(), watch=
 
     ``watch(k, n)`` is called when k frames of n are painted.
     """
+    at = np.atleast_1d(finite_array(list(at) if hasattr(at, "__iter__") else at, "at"))
     ending = require_file(file, at)
-    at = finite_array(list(at), "at")
     options = {"speed": speed, "traces": traces, "forces": forces, "beside": False}
     if ending == ".svg":
         content = _drawing(mech, sol, at if at.size else sol.t[:1], options)
@@ -47,7 +47,7 @@ def render(mech, sol, file, *, speed=1.0, traces=(), forces=False, at=(), watch=
 
 def require_file(file, at=()) -> str:
     """The ending of `file`; InputError if it cannot be written, MissingExtraError if a package is missing."""
-    ending = Path(file).suffix.lower()
+    ending = as_path(file).suffix.lower()
     if ending not in (*FILMS, ".svg"):
         raise InputError(f"{file}: a film ends in .mp4 or .gif, a drawing in .svg")
     if len(at) and ending != ".svg":
