@@ -100,7 +100,7 @@ def _stages(max_order, step, consistency) -> int:
         return 0 if step is None else FIRST_STAGES
     if isinstance(max_order, bool) or not isinstance(max_order, int | float | np.number) or max_order not in orders:
         raise InputError(f"max_order of Radau must be one of {', '.join(map(str, orders))}, got {max_order!r}")
-    return orders[max_order]
+    return orders[int(max_order)]
 
 
 def looking(method, system, span) -> dae.Method:

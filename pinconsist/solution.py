@@ -14,8 +14,8 @@ from .accuracy import PATIENCE, GlobalError, NotEstimatedError, accelerations, f
 from .certificate import Certificate, certify
 from .errors import InputError
 from .mechanism.checks import finite_array
-from .mechanism.energy import UNCERTAIN, Energy, energy_of, refined
 from .mechanism.checks import name as checked_name
+from .mechanism.energy import UNCERTAIN, Energy, energy_of, refined
 from .mechanism.forces.actuators import commands, replayed
 from .mechanism.forces.held import sided
 from .mechanism.mechanism import Mechanism

@@ -107,7 +107,8 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, 
     mechanism, t = solver.mechanism, solver.t
     if not (fixed is None or isinstance(fixed, Mapping)):
         raise InputError(f"fixed= needs a mapping joint name → value, got {fixed!r}")
-    tolerance = number(tolerance, "tolerance", above=0.0)
+    if number(tolerance, "tolerance") <= 0:
+        raise InputError(f"tolerance must be positive, got {tolerance!r}")
     fixed, named = dict(fixed or {}), dict(q) if isinstance(q, Mapping) else {}
     held = {**named, **fixed}
     base = mechanism.guess.copy() if q is None or isinstance(q, Mapping) else mechanism.configuration(q)

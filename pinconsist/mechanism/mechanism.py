@@ -176,7 +176,7 @@ class Mechanism:
         """A configuration (nq,) by names: ``mech.q(crank=0.3, base=[x, y, z, R])``; the other joints as in ``guess``.
 
         `values` is a mapping for names that are not Python identifiers; `joints` are the others. See
-        :meth:`configuration`.
+        :meth:`configuration`, also for what raises InputError.
         """
         if not (values is None or isinstance(values, Mapping)):
             raise InputError(f"{self.name}.q() needs a mapping joint name → value, got {values!r}")

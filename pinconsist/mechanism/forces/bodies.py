@@ -14,7 +14,7 @@ import pinocchio as pin
 from ...errors import InputError
 from ..axes import SMOOTH, turning_columns
 from ..breakpoints import time_function
-from ..checks import choice, frame_of, name, number, put_checked, returned, triple
+from ..checks import frame_of, name, number, put_checked, returned, triple
 from ..lie import integrate
 from ..loops import GROUND
 from ..motion import first
@@ -295,5 +295,6 @@ class Wrench(ForceRecord):
         put_checked(
             self, self._who, triple, *(field for field in ("force", "moment") if not callable(getattr(self, field)))
         )
-        choice(self.axes, ("world", "local"), f"{self._who}: axes")
+        if not isinstance(self.axes, str) or self.axes not in ("world", "local"):
+            raise InputError(f"{self._who}: axes must be 'world' or 'local', got {self.axes!r}")
         put_checked(self, self._who, triple, "xyz")
