@@ -278,7 +278,9 @@ class Solution(ByName):
         energy = energy_of(self, mechanism, workspace)
         if energy.work_error <= UNCERTAIN:
             return energy
-        return refined(energy, mechanism, lambda times: states_at(self, times, mechanism), workspace)
+        closed = self.sol is not None and self.method.get("method") == "Radau"  # between rows, too
+        states = self.sol if closed else lambda times: states_at(self, times, mechanism)
+        return refined(energy, mechanism, states, workspace)
 
     def reaction(
         self, loop: str, mechanism=None, *, axes: str = "world", compliance: Mapping | None = None

@@ -144,7 +144,9 @@ class SceneSweep:
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("ignore")
             warnings.simplefilter("always", UserWarning)
-            sol = simulate(run.mechanism, (self.start, until), q0, v0, forces=forces, **run.options)
+            dense = run.options.get("method") == "Radau"  # energies of its few rows need states between them
+            options = {"dense_output": dense, **run.options}
+            sol = simulate(run.mechanism, (self.start, until), q0, v0, forces=forces, **options)
         return sol, list(dict.fromkeys(str(each.message) for each in told))
 
     def about(self, cases) -> dict:
