@@ -132,7 +132,8 @@ class Certificate:
     def verdict(self) -> str:
         """One line: ``closed to 8e-15 m, forces good to 2e-5, error of q about 1e-6 rad: ok``.
 
-        If there are :attr:`concerns`, it ends with these instead of ``ok``; it also names what is
+        If there are :attr:`concerns`, it ends with these instead of ``ok``; neither stands there if nothing shows
+        whether the motion is right, neither an estimate of its error nor its energy. It also names what is
         :attr:`not_unique`, what was :attr:`not_judged`, and the contacts among what is :attr:`not_modelled`.
         """
         if self.not_finite:
@@ -144,7 +145,9 @@ class Certificate:
             found.append(f"error of q about {_short(self.error.q, self.error.units[0])}")
         elif self.energy_error is not None and not self._too_few_rows:
             found.append(f"energy balanced to {_short(self.energy_error)}")
-        ends = ["ok" if self.ok else f"look at {', '.join(self._named_concerns)}"]
+        motion_judged = len(self.not_judged) < 2  # by the error or by the energy
+        ends = ["ok"] if self.ok and motion_judged else []
+        ends += [f"look at {', '.join(self._named_concerns)}"] if not self.ok else []
         ends += [f"not unique: forces of {listed(self.not_unique)}"] if self.not_unique else []
         ends += [f"not judged: {', '.join(self.not_judged)}"] if self.not_judged else []
         touching = [what for what in self.not_modelled if CONTACT.search(what)]

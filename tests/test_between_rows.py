@@ -1,5 +1,7 @@
 """What happens between the rows of long steps: limits, unilateral constraints and work are judged there, too."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -67,3 +69,14 @@ def test_work_in_a_linkage_closes_the_balance(method):
     assert back.balance_error < 1e-6
     label = next(iter(there.work))
     assert back.work[label][-1] == pytest.approx(-there.work[label][-1], rel=1e-5)
+
+
+def test_a_verdict_that_judged_nothing_of_the_motion_is_not_ok():
+    """As of a crank at 5,900 rad/s, whose few rows say nothing of its energy, without a finer run."""
+    found = pc.simulate(pc.load("four_bar"), (0.0, 0.1)).check()
+    assert found.verdict.endswith(": ok") and found.not_judged == []
+    unknown = replace(found, energy_error=0.05, work_error=1.0, error=None)
+    assert unknown.not_judged == ["error", "energy"]
+    assert unknown.verdict.endswith(": not judged: error, energy")
+    loose = replace(unknown, force=0.1)
+    assert loose.verdict.endswith(": look at forces; not judged: error, energy")
