@@ -416,3 +416,16 @@ def test_loops_that_contradict_a_little_close_with_a_warning():
     assert 2e-9 < assembly.largest_gap[1] <= 3e-9 and assembly.mobility == 1  # half of it each, along skewed axes
     with pytest.raises(pc.AssemblyError, match="cannot close together"):
         pc.assemble(doubled(6e-8))
+
+
+def test_two_drives_that_contradict_each_other_are_both_named():
+    drives = [pc.Drive(name, "crank", pc.Motion(start=start)) for name, start in (("one", 0.3), ("other", 0.5))]
+    mech = pc.load("four_bar").add_loops(*drives)
+    with pytest.raises(pc.AssemblyError, match=r"two drives move the joint 'crank'.*'one' to 0\.3, 'other' to 0\.5"):
+        pc.assemble(mech)
+
+
+def test_an_assembly_is_printed_in_a_few_lines():
+    text = str(pc.assemble(pc.load("stewart_platform")))
+    assert "mobility 6" in text and "rank" in text and len(text.splitlines()) < 10
+    assert "array" not in text

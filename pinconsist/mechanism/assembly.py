@@ -1,7 +1,7 @@
 """Closed configurations: close the loops from a guess, project velocities onto the constraints, report the result."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -11,6 +11,7 @@ from ..errors import AssemblyError, InputError
 from .checks import coordinates, number, require_mechanism, warn
 from .closing import CLOSED, NEARLY, LoopSolver
 from .correction import hint
+from .joint_constraints import Drive
 from .lie import difference
 from .names import filled
 from .rank import dependencies, weak_text
@@ -48,7 +49,15 @@ class Assembly:
     mobility: int
     moved: float
     iterations: int
-    _rows: tuple  # J, its kept rows, and the labels of all rows
+    _rows: tuple = field(repr=False)  # J, its kept rows, and the labels of all rows
+
+    def __str__(self):
+        name, gap = self.largest_gap
+        where = f" ({name!r})" if name else ""
+        return (
+            f"closed to {gap:.2g} m or rad{where} in {self.iterations} iterations, {self.moved:.3g} from the guess: "
+            f"rank {self.rank} of {self.rows} rows, mobility {self.mobility}\nq = {self.q}\nv = {self.v}"
+        )
 
     @cached_property
     def redundant(self) -> dict[tuple[str, str], dict[tuple[str, str], float]]:
@@ -243,8 +252,22 @@ def impossible_alone(mechanism, guess, gaps, fixed, t: float = 0.0) -> dict:
     return alone
 
 
+def _contradicting(mechanism, open_loops, t) -> str:
+    """Which two drives move a joint differently, in words, or an empty string."""
+    drives: dict[str, Drive] = {}
+    for loop in mechanism.loops:
+        if isinstance(loop, Drive) and loop.name in open_loops:
+            other = drives.setdefault(loop.joint, loop)
+            if other is not loop:
+                to = ", ".join(f"{each.name!r} to {float(each.curve(t)):.6g}" for each in (other, loop))
+                return f"two drives move the joint {loop.joint!r} at t = {t:.6g} s, {to}"
+    return ""
+
+
 def _not_closed(solver, guess, best, open_loops, fixed):
     mechanism = solver.mechanism
+    if drives := _contradicting(mechanism, open_loops, solver.t):
+        return AssemblyError(f"{mechanism.name}: {drives}. Leave one of them out", gaps=dict(open_loops))
     held = f" with {', '.join(fixed)} held" if fixed else ""
     if len(mechanism.loops) == 1:
         ((name, gap),) = named = list(open_loops.items())
