@@ -261,7 +261,9 @@ def test_the_methods_work_where_pinocchio_is_not_installed():
         import numpy as np
         from pinconsist.dae.control import FixedStep
         from pinconsist.dae.hessenberg import HessenbergProblem
+        from pinconsist._core.steppers import stepper_for
         from pinconsist.dae.integrate import Method, integrate
+        from pinconsist.dae.output import Output
         p, v = np.array([1.0, 0.0]), np.zeros(2)
         problem = HessenbergProblem(
             U=lambda t, p, v: v,
@@ -269,7 +271,8 @@ def test_the_methods_work_where_pinocchio_is_not_installed():
             G=lambda t, p, v: p[:, None],
             R=lambda t, p: np.array([(p @ p - 1.0) / 2]),
         )
-        run = integrate(problem.at(0.0, p, v), (0.0, 0.5), p, v, Method(3, "every-step", FixedStep(), 1e-2))
+        system, method = problem.at(0.0, p, v), Method(3, "every-step", FixedStep(), 1e-2)
+        run = integrate(system, (0.0, 0.5), p, v, method, Output(), stepper_for(system, method))
         print(run.status, *run.p[-1])
     """
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT.parent, check=True)

@@ -9,86 +9,10 @@ from functools import cached_property
 from pathlib import Path
 
 import pytest
+from helpers.signatures import PARAMETERS
 
 import pinconsist as pc
 
-HOW = "method step max_order rtol atol forces t_eval dense_output events callback consistency first_step max_step"
-HOW += " max_steps backend"
-PARAMETERS = {  # those after the bar by name only
-    "Actuation": "mech motors q0",
-    "Actuator": "name joint gain bias gear control control_range force_range",
-    "Assembly": "q v gaps rows rank mobility moved iterations",
-    "Certificate": "position position_at velocity force force_first energy_error energy work_error undetermined "
-    "not_unique beyond_limits corrected_by fixed_step ended_early error error_missing saturated speed units added "
-    "branches pulling not_finite not_modelled",
-    "Constraint": "name function size jacobian rate moving rows step unilateral knots",
-    "Coupling": "name joint other ratio offset higher",
-    "Derivatives": "names values",
-    "Drive": "name joint curve rate acceleration knots",
-    "ElementForce": "label t force moment length speed torque",
-    "Energy": "t kinetic potential elastic total stored power work error",
-    "Equilibrium": "mechanism t q lam residual stiffness neutral iterations",
-    "Event": "function terminal direction apply name",
-    "GlobalError": "q v force q_at v_at force_at tolerances units",
-    "Gradient": "value gradient names solution",
-    "HeldTorque": "times torques joints linear",
-    "HessenbergProblem": "U F G R | R_p R_t U_p U_v",
-    "Impact": "joint | upper lower frame plane restitution name",
-    "InverseDynamics": "mechanism t q v a lam torques",
-    "JointDamping": "coefficients",
-    "JointForce": "joint axes t force moment not_unique shared_with resultant_of resultant_force resultant_moment",
-    "JointFriction": "coefficients width",
-    "JointSpring": "joint stiffness rest",
-    "JointTorque": "torques",
-    "Linearization": "t q v a lam coordinates Z mass damping stiffness",
-    "Loop": "name kind frame1 frame2 xyz1 rpy1 xyz2 rpy2 axis length axis2",
-    "Mechanism": "model loops forces name guess actuated geometry duration corrected_by ignored",
-    "Modes": "eigenvalues shapes massless",
-    "Motion": "start speed amplitude frequency phase",
-    "Outcome": "index case value error message traceback finished",
-    "Peak": "of value t between",
-    "Piecewise": "force times period",
-    "Reaction": "loop kind axes t force moment torque joint_forces dependence not_unique shared_with resultant_of"
-    " resultant_force resultant_moment",
-    "Rerun": "same differences solution",
-    "Sampled": "period law joints delay",
-    "Sensitivities": "solution names values steps dq dv dlam event_times work",
-    "Servo": "joint target stiffness damping rate",
-    "Simulation": "mech q0 v0 | t0 method step max_order rtol atol forces events max_step backend",
-    "Solution": "t q v lam success status message nsteps nfev njev nlu rejected h order method scene recipe versions"
-    " held sol t_events q_events v_events system",
-    "SpringDamper": "frame1 frame2 stiffness length damping xyz1 xyz2",
-    "Torque": "function gradient",
-    "Wrench": "frame force moment axes xyz",
-    "assemble": "mechanism q0 v0 | fixed t tolerance",
-    "equilibrium": "mechanism q0 | forces t stable",
-    "export_html": "mech sol file | speed fps traces forces panel",
-    "integrate": f"system t_span p0 v0 | {HOW.replace('forces ', '')}",
-    "gradient": "build theta t_span q0 v0 | rows terminal names steps forces events t_eval rtol atol **options",
-    "inverse_dynamics": "mechanism times q0 | forces",
-    "linearize": "mechanism q0 v0 | forces t",
-    "load": "source | loops closure free_flyer package_dirs ignore precision",
-    "models": "",
-    "plot": "runs *quantities | file mech",
-    "plot_comparison": "rows file",
-    "plot_drift": "sol file mech",
-    "plot_energy": "sol file mech",
-    "plot_forces": "sol file mech",
-    "plot_multipliers": "sol file mech",
-    "plot_phase": "sol file mech",
-    "plot_solution": "sol file mech what",
-    "plot_steps": "sol file mech",
-    "plot_trajectory": "sol file mech",
-    "plot_work_precision": "series file error",
-    "record": "scene t_span file q0 v0 | load save_every forces callback **options",
-    "replay": "mech sol | speed loop traces forces open_browser",
-    "rerun": "file | scene forces callback",
-    "resume": "file | scene forces callback",
-    "sensitivities": "build theta t_span q0 v0 | names steps forces events rtol atol **options",
-    "simulate": f"mech t_span q0 v0 | {HOW.replace('forces', 'forces control')}",
-    "sweep": "function cases | executor callback",
-    "write": "mechanism path",
-}
 ERRORS = """
 AssemblyError EquilibriumError FormatError InputError MissingExtraError PinconsistError SavingError SingularSystemError
 UserFunctionError

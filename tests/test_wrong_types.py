@@ -6,7 +6,7 @@ import webbrowser
 
 import numpy as np
 import pytest
-from test_public import PARAMETERS
+from helpers.signatures import PARAMETERS
 
 import pinconsist as pc
 
