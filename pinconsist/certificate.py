@@ -41,7 +41,7 @@ class Certificate:
     force : float
         |Jᵀλ - Jᵀλ*| relative to the largest of all acting forces: |Jᵀλ*|, weights, inertial forces of the velocities,
         and the sum of these and the other forces. λ* is the multiplier of the differential equation at the same q, v.
-        For a general problem, G replaces Jᵀ. Rows of the one-step start, whose λ is λ* by construction, are excluded.
+        For a general problem, G replaces Jᵀ. Rows of the start of BDF, whose λ is λ* by construction, are excluded.
     force_first : float
         The same at the first step of the multistep method.
     energy_error : float or None

@@ -39,7 +39,7 @@ class Solution(ByName):
         Configurations, velocities, multipliers; with redundant rows, the multipliers of smallest norm. Signs, frames
         and units: :mod:`pinconsist.mechanism.loops`. Without ``t_eval`` every accepted step has its row:
         ``lam[0]`` belongs to the start and is the multiplier of the differential equation there; ``lam[1]`` belongs
-        to the first step. With variable steps, and with fixed ones of an order above 1, rows of the one-step start
+        to the first step. With variable steps, and with fixed ones of an order above 1, rows of the start
         (``order`` 0) come before the first step of the method itself. Rows of ``t_eval``, and rows at an event
         that ends a step, are interpolated: their loops are closed to the tolerance only, those of steps to rounding.
     success, status : bool, int
@@ -51,7 +51,7 @@ class Solution(ByName):
     rejected : dict
         Rejected attempts by reason.
     h, order : ndarray, shape (n-1,)
-        Step and order with which each row was reached; order 0 marks the one-step start, step 0 the jump at an event.
+        Step and order with which each row was reached; order 0 marks the start of BDF, step 0 the jump at an event.
         Empty with ``t_eval``.
     sol : DenseOutput or None
         ``sol(t) -> (q, v, lam)``, with ``dense_output=True``.

@@ -387,3 +387,45 @@ def test_smooth_forces_are_evaluated_at_the_stages_only():
     mech, q = pc.load("four_bar"), pc.assemble(pc.load("four_bar")).q
     assert not MechanismSystem(replace(mech, forces=smooth), q).sharp
     assert all(MechanismSystem(replace(mech, forces=[force]), q).sharp for force in sharp)
+
+
+def gripper(crank, lift):
+    """A parallelogram of 7 cm on a hoist; both are moved, so that no velocity is free."""
+    model = pin.Model()
+
+    def add(parent, joint, at, name):
+        index = model.addJoint(parent, joint, pin.SE3(np.eye(3), np.array(at)), name)
+        inertia = pin.Inertia(0.05, np.array([0.0, 0.0, -0.03]), 2e-5 * np.eye(3))
+        model.appendBodyToJoint(index, inertia, pin.SE3.Identity())
+        model.addFrame(pin.Frame(f"{name}_f", index, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+        return index
+
+    hoist = add(0, pin.JointModelPZ(), (0.0, 0.0, 0.5), "hoist")
+    arm = add(hoist, pin.JointModelRY(), (0.022, 0.0, 0.0), "crank")
+    add(arm, pin.JointModelRY(), (0.0, 0.0, -0.071), "pad")
+    add(hoist, pin.JointModelRY(), (0.041, 0.0, 0.008), "bar")
+    ends = {"xyz1": (0.0, 0.0, -0.071), "xyz2": (0.019, 0.0, 0.008), "axis": (0.0, 1.0, 0.0)}
+    loops = [
+        pc.Loop("end", "hinge", "bar_f", "pad_f", **ends),
+        pc.Drive("grip", "crank", pc.Motion(start=crank)),
+        pc.Drive("lift", "hoist", lift),
+    ]
+    return pc.Mechanism(model, loops, guess={"crank": crank, "pad": -crank, "bar": crank})
+
+
+@pytest.mark.parametrize("span", [(0.0, 0.7), (0.7, 0.0)], ids=["forwards", "backwards"])
+@pytest.mark.parametrize("crank", [-0.65, 0.2, 0.5])
+def test_rounding_of_short_levers_is_no_error_where_all_velocities_are_determined(crank, span):
+    mech = gripper(crank, pc.Motion(start=0.1, amplitude=0.1, frequency=0.4))
+    sol = pc.simulate(mech, span, method="Radau", max_steps=400)
+    assert sol.success, sol.message
+    lift = 0.1 + 0.1 * np.sin(0.8 * np.pi * sol.t)
+    exact = np.column_stack((lift, *(np.full_like(lift, angle) for angle in (crank, -crank, crank))))
+    assert np.abs(sol.q - exact).max() < 1e-12
+
+
+@pytest.mark.parametrize("crank", [-0.5, 0.5])
+def test_the_verdict_of_a_lift_by_a_table_is_not_refused_for_rounding(crank):
+    sol = pc.simulate(gripper(crank, ([0.0, 0.5], [0.0, 0.2])), (0.0, 0.7), method="Radau")
+    assert sol.success, sol.message
+    assert not sol.check().error_missing

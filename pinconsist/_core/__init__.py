@@ -21,12 +21,9 @@ def _absent(folder: Path) -> str:
     if _is_checkout(folder):
         return (
             f"pinconsist is imported from its sources in {folder}, without its compiled part: change to another folder "
-            f"to use an installed package, or compile it there (this needs a C++ compiler): {_command(folder)}"
+            f"to use an installed package, or compile it there: {_command(folder)}"
         )
-    return (
-        "pinconsist was installed without its compiled part (no C++ compiler was found); with a compiler, install it "
-        f"again: {_command(folder)}"
-    )
+    return f"pinconsist was installed without its compiled part; install it again: {_command(folder)}"
 
 
 def _is_checkout(folder: Path) -> bool:
