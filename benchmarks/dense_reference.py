@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from scipy.integrate import solve_ivp
 
@@ -105,15 +107,21 @@ class DenseReference:
         return (by_q.max(), by_v.max() / of_v, relative[1:].max(), by_q[-1], *first, by_force[1:].max() / of_force)
 
 
-def right_hand_side(system, base):
-    """f(t, [ξ | v]) of the index-1 equations in the chart at `base`, for scipy."""
+def right_hand_side(system, base, index1=None):
+    """f(t, [ξ | v]) of the index-1 equations in the chart at `base`, for scipy; `index1` is that of C++, for speed."""
+    accelerated = partial(solve_acceleration, system) if index1 is None else index1.acceleration
+    turning = np.zeros(0, int)
+    if not system.vector_like:
+        turning = np.flatnonzero(system.bracket(np.arange(1.0, 1.0 + system.nx)).any(axis=0))
 
     def f(t, y):
         xi, v = y[: system.nx], y[system.nx :]
         p = chart_point(system, base, xi)
-        a, _ = solve_acceleration(system, t, p, v)
-        rate = system.rate(t, p, v)
-        return np.concatenate((rate if system.vector_like else chart_matrix(system, xi) @ rate, a))
+        a, _ = accelerated(t, p, v)
+        rate = np.array(system.rate(t, p, v))
+        if len(turning):
+            rate[turning] = chart_matrix(system, xi, turning) @ rate[turning]
+        return np.concatenate((rate, a))
 
     return f
 

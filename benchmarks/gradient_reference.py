@@ -39,7 +39,7 @@ def _followed(index1, t, p, v, end):
     """(t, p, v, λ) at `end`, from a state on the constraints; no joint may turn by more than half a turn."""
     system = index1.system
     y0 = np.concatenate((p if system.vector_like else np.zeros(system.nx), v))
-    run = solve_ivp(right_hand_side(system, p), (t, end), y0, "DOP853", rtol=1e-13, atol=1e-14)
+    run = solve_ivp(right_hand_side(system, p, index1), (t, end), y0, "DOP853", rtol=1e-13, atol=1e-14)
     if not run.success:
         raise PinconsistError(run.message)
     y = run.y[:, -1]
