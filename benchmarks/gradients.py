@@ -154,7 +154,7 @@ def cost(scenes=tuple(SCENES), repeats=5, rtol=1e-8) -> list[Cost]:
         names, until, v0 = scene.names, scene.until, scene.v0
         run = {"rtol": rtol, "atol": 1e-2 * rtol, "method": method}
         solution, legs, variants, base, *_ = prepared(
-            mech, names, (0.0, until), None, v0, None, None, (), None, rtol, 1e-2 * rtol, "auto", {"method": method}
+            mech, names, (0.0, until), None, v0, None, None, (), None, rtol, 1e-2 * rtol, {"method": method}
         )
         moving = sum(not variant.inert for variant in variants)
         still = Variants(("",), np.ones(1), base, {0: STILL}, [], None)

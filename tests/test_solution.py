@@ -540,9 +540,15 @@ def rotor(lower, upper, joint=None):
 @pytest.mark.parametrize(
     ("limits", "start", "speed", "first", "told"),
     [
-        ((-0.9, 0.9), 0.0, 2.0, 0.5, "j reaches 2 of 0.9, first at t = 0.5"),
-        ((-0.9, 0.9), 2 * np.pi, -2.0, 0.5, "j reaches -2 of -0.9, first at t = 0.5"),  # whole turns away at the start
-        ((-np.pi, np.pi), 0.0, 8.0, 0.4, "j reaches 8 of 3.142, first at t = 0.4"),  # but not on the way
+        ((-0.9, 0.9), 0.0, 2.0, 0.45, "j reaches 2 of 0.9, first at t = 0.45"),
+        (
+            (-0.9, 0.9),
+            2 * np.pi,
+            -2.0,
+            0.45,
+            "j reaches -2 of -0.9, first at t = 0.45",
+        ),  # whole turns away at the start
+        ((-np.pi, np.pi), 0.0, 8.0, np.pi / 8, "j reaches 8 of 3.142, first at t = 0.39"),  # but not on the way
         ((-0.9, 0.9), 1.5, -2.0, 0.0, "j reaches 1.5 of 0.9, first at t = 0"),
         ((-0.9, np.inf), 0.0, 2.0, None, None),
         ((0.0, 0.0), 0.0, 2.0, None, None),
@@ -550,13 +556,16 @@ def rotor(lower, upper, joint=None):
     ],
 )
 def test_joints_that_leave_their_limits_are_named(limits, start, speed, first, told):
-    """Uniform motion, start + speed t."""
+    """Uniform motion, start + speed t; the rows are far apart, and the finer run looks between them."""
     sol = pc.simulate(rotor(*limits), (0.0, 1.0), {"j": start}, {"j": speed}, t_eval=np.linspace(0.0, 1.0, 11))
     found = sol.check()
-    assert [(each.joint, each.t) for each in found.beyond_limits] == ([("j", pytest.approx(first))] if told else [])
+    assert [(each.joint, each.t) for each in found.beyond_limits] == (
+        [("j", pytest.approx(first, abs=2e-3))] if told else []
+    )
     lines = [line for line in str(found).splitlines() if line.startswith("note")]
     assert found.ok is not found.verdict.endswith("look at joint limits") is bool(told)
-    assert lines == ([f"note: joints leave their limits, which are not enforced: {told} s"] if told else [])
+    assert len(lines) == bool(told)
+    assert not told or lines[0].startswith(f"note: joints leave their limits, which are not enforced: {told}")
 
 
 def test_limits_of_joints_of_several_coordinates_and_of_quaternions():

@@ -14,6 +14,7 @@ from .forces.held import sided
 from .rows import KeptRows, LoopRows, Workspace
 
 UNCERTAIN = 1e-4  # work_error from which states between the rows are used
+PARTS = (1, 2, 4, 8)  # of a step, each with a formula
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)  # exact up to degree 11: for steps of Radau of high order
 FEWER = np.insert(np.linalg.solve(np.vander(np.delete(NODES, 2), increasing=True).T, [2, 0, 2 / 3, 0, 2 / 5]), 2, 0.0)
 EVENTS = "events"  # key in ``work`` of the energy change in the jumps at events
@@ -145,11 +146,24 @@ def _add_drives(power, rows, t, q, lam, workspace):
 
 
 def refined(energy, mechanism, states, workspace) -> Energy:
-    """The same energies with the work by states between the rows: ``states(times)`` returns (q, v, λ)."""
+    """The same energies with the work by states between the rows: ``states(times)`` returns (q, v, λ).
+
+    Where steps are so long that a formula does not follow the power, each is divided.
+    """
+    found = energy
+    for parts in PARTS:
+        found = _divided(energy, mechanism, states, workspace, parts)
+        if found.work_error <= UNCERTAIN:
+            break
+    return found
+
+
+def _divided(energy, mechanism, states, workspace, parts) -> Energy:
     t, rows, forces = energy.t, LoopRows.of(mechanism), bound_forces(mechanism.model, mechanism.forces)
-    steps = np.diff(t)
+    steps = np.diff(t) / parts
     long = np.flatnonzero(steps)
-    times = (t[long, None] + 0.5 * (1.0 + NODES) * steps[long, None]).ravel()
+    places = (np.arange(parts)[:, None] + 0.5 * (1.0 + NODES)).ravel()  # in parts of a step
+    times = (t[long, None] + places * steps[long, None]).ravel()
     q, v, lam = states(times)
     labels, columns = measure(forces, times, q, v, workspace)
     measured = dict(zip(labels, columns[:, 3::2].T, strict=True))
@@ -161,10 +175,10 @@ def refined(energy, mechanism, states, workspace) -> Energy:
     change = np.zeros(len(long))
     for label, values in power.items():
         values, pieces = values.reshape(len(long), -1), np.zeros(len(t))
-        pieces[long + 1] = 0.5 * steps[long] * (values @ WEIGHTS)
+        pieces[long + 1] = 0.5 * steps[long] * (values @ np.tile(WEIGHTS, parts))
         work[label] = np.cumsum(pieces)
         error = error - work[label]
-        change += 0.5 * steps[long] * (values @ (WEIGHTS - FEWER))
+        change += 0.5 * steps[long] * (values @ np.tile(WEIGHTS - FEWER, parts))
     return replace(energy, work=work, error=error, _by_states=float(np.abs(change).sum()))
 
 

@@ -17,7 +17,7 @@ from benchmarks.chains_command import distribution
 from benchmarks.linkages import pendulum
 
 UNTIL = 0.05
-RUN = Run(2, "", "compiled", "BDF", 1e-5, HUNG)
+RUN = Run(2, "", "BDF", 1e-5, HUNG)
 
 
 @pytest.mark.parametrize("seed", range(12))
