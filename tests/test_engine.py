@@ -7,10 +7,12 @@ import threading
 import time
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from helpers.bodies import mixed_tree
 from helpers.forces import FORCES
 from helpers.twin import LOOSE, assert_same, with_switches
+from scipy.integrate import solve_ivp
 
 import pinconsist as pc
 from pinconsist import _core
@@ -301,3 +303,45 @@ def test_a_mechanism_that_is_called_back_as_any_other_system_moves_the_same(how,
     within = 1e-12 if how == "steps" else 1e-6
     for name in ("q", "v", "lam"):
         assert_same(getattr(native, name)[-1], getattr(called_back, name)[-1], within)
+
+
+@pytest.mark.parametrize("since", [0.0, 1e-3])
+def test_a_force_that_stops_the_start_is_named(since):
+    mech = pc.load("four_bar").add_forces({"crank": lambda t: np.nan if t > since else 0.0})
+    with pytest.raises(pc.PinconsistError, match=r"not finite.*'torque crank'"):
+        pc.simulate(mech, (0.0, 1.0), step=0.01)
+
+
+def test_a_stiff_damper_between_two_hinged_bodies_starts():
+    """A first try goes so far that bodies fly off and a trial stage is singular: a shorter one follows."""
+    model = pin.Model()
+    for i in range(2):
+        joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), f"body{i}")
+        inertia = pin.Inertia(1.0, np.array([0.5, 0.0, 0.0]), np.diag([0.01, 0.1, 0.1]))
+        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+        for name, x in (("hub", 0.0), ("tip", 1.0)):
+            place = pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
+            model.addFrame(pin.Frame(f"{name}{i}", joint, 0, place, pin.FrameType.OP_FRAME))
+    loops = [pc.Loop(f"hinge{i}", "hinge", "universe", f"hub{i}", xyz1=(1.5 * i, 0, 0), axis=(0, 0, 1)) for i in (0, 1)]
+    strut = pc.SpringDamper("tip0", "tip1", stiffness=8e5, length=1.0, damping=4e4)
+    v0 = np.zeros(12)
+    v0[[5, 11]] = 6.0
+
+    def two_angles(t, y):
+        a, b, va, vb = y
+        tips = np.array([np.cos(a), np.sin(a)]), np.array([1.5 + np.cos(b), np.sin(b)])
+        moves = np.array([-np.sin(a), np.cos(a)]), np.array([-np.sin(b), np.cos(b)])
+        line = tips[1] - tips[0]
+        length = np.linalg.norm(line)
+        u = line / length
+        tension = 8e5 * (length - 1.0) + 4e4 * u @ (moves[1] * vb - moves[0] * va)
+        return [va, vb, tension * u @ moves[0] / 0.35, -tension * u @ moves[1] / 0.35]  # 0.35 kg m² about each hinge
+
+    exact = solve_ivp(two_angles, (0.0, 0.1), [0.0, 0.0, 6.0, 6.0], "Radau", rtol=1e-10, atol=1e-10).y[2:, -1]
+    mech, errors = pc.Mechanism(model, loops, [strut]), []
+    for tol in (1e-3, 1e-5, 1e-7):
+        sol = pc.simulate(mech, (0.0, 0.1), None, v0, rtol=tol, atol=tol)
+        assert sol.success and sol.check(error=False).position < 1e-12
+        errors.append(np.abs(sol.v[-1, [5, 11]] - exact).max() / np.abs(exact).max())
+    slopes = np.diff(np.log10(errors)) / -2.0  # local errors add up: tol^(5/6)
+    assert errors[-1] < 1e-4 and (slopes > 0.6).all(), errors
