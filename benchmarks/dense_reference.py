@@ -8,8 +8,9 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from pinconsist import PinconsistError
-from pinconsist.dae.charts import chart_matrix, chart_point, fastest_turn, turning_coordinates
+from pinconsist.dae.charts import chart_point, fastest_turn, turning_coordinates
 from pinconsist.dae.index1 import solve_acceleration
+from pinconsist.paper.index1 import right_hand_side
 
 from .peers.problem import Problem
 
@@ -61,7 +62,8 @@ class DenseReference:
     def _dense(self, rtol, most):
         """(dense output, evaluations), or (None, evaluations) where that many are not enough."""
         problem, system = self.problem, self.system
-        f, count = right_hand_side(system, problem.q0), 0
+        f = right_hand_side(system, problem.q0, partial(solve_acceleration, system))
+        count = 0
 
         def counted(t, y):
             nonlocal count
@@ -105,25 +107,6 @@ class DenseReference:
         relative = by_lam / of_lam  # the start is given, not computed
         first = relative[1], relative[rows.first]
         return (by_q.max(), by_v.max() / of_v, relative[1:].max(), by_q[-1], *first, by_force[1:].max() / of_force)
-
-
-def right_hand_side(system, base, index1=None):
-    """f(t, [ξ | v]) of the index-1 equations in the chart at `base`, for scipy; `index1` is that of C++, for speed."""
-    accelerated = partial(solve_acceleration, system) if index1 is None else index1.acceleration
-    turning = np.zeros(0, int)
-    if not system.vector_like:
-        turning = np.flatnonzero(system.bracket(np.arange(1.0, 1.0 + system.nx)).any(axis=0))
-
-    def f(t, y):
-        xi, v = y[: system.nx], y[system.nx :]
-        p = chart_point(system, base, xi)
-        a, _ = accelerated(t, p, v)
-        rate = np.array(system.rate(t, p, v))
-        if len(turning):
-            rate[turning] = chart_matrix(system, xi, turning) @ rate[turning]
-        return np.concatenate((rate, a))
-
-    return f
 
 
 def _size(values):

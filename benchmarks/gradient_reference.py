@@ -10,8 +10,7 @@ from pinconsist.gradients.prepare import named_start
 from pinconsist.mechanism.assembly import assembled
 from pinconsist.mechanism.closing import LoopSolver
 from pinconsist.mechanism.system import MechanismSystem
-
-from .dense_reference import right_hand_side
+from pinconsist.paper.index1 import right_hand_side
 
 FOUR = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}  # of fourth order
 SIX = {-3: -1 / 60, -2: 3 / 20, -1: -3 / 4, 1: 3 / 4, 2: -3 / 20, 3: 1 / 60}  # of sixth: for longer steps
@@ -39,7 +38,8 @@ def _followed(index1, t, p, v, end):
     """(t, p, v, λ) at `end`, from a state on the constraints; no joint may turn by more than half a turn."""
     system = index1.system
     y0 = np.concatenate((p if system.vector_like else np.zeros(system.nx), v))
-    run = solve_ivp(right_hand_side(system, p, index1), (t, end), y0, "DOP853", rtol=1e-13, atol=1e-14)
+    f = right_hand_side(system, p, index1.acceleration)
+    run = solve_ivp(f, (t, end), y0, "DOP853", rtol=1e-13, atol=1e-14)
     if not run.success:
         raise PinconsistError(run.message)
     y = run.y[:, -1]

@@ -9,12 +9,13 @@ gives acceleration and multipliers of the differential equation itself. DOP853 i
 then satisfied by projection in the metric of M.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from ..dae.charts import chart_matrix
+from ..dae.charts import chart_matrix, chart_point
 from ..dae.hessenberg import HessenbergProblem
 from ..dae.problem import Index3System
 from ..errors import AssemblyError, InputError, PinconsistError
@@ -87,6 +88,24 @@ def projected(system, t, p, v) -> State:
     return State(t, p, v, acceleration(system, t, p, v)[1])
 
 
+def right_hand_side(system, base, accelerations):
+    """f(t, [ξ | v]) of the index-1 equations in the chart at `base`, for scipy; ``accelerations(t, p, v)``: (v', λ)."""
+    turning = np.zeros(0, int)
+    if not system.vector_like:
+        turning = np.flatnonzero(system.bracket(np.arange(1.0, 1.0 + system.nx)).any(axis=0))
+
+    def f(t, y):
+        xi = y[: system.nx]
+        v = y[system.nx :]
+        p = chart_point(system, base, xi)
+        rate = np.array(system.rate(t, p, v))
+        if len(turning):
+            rate[turning] = chart_matrix(system, xi, turning) @ rate[turning]
+        return np.concatenate((rate, accelerations(t, p, v)[0]))
+
+    return f
+
+
 def states_at(system, t0, p0, v0, times, rtol=1e-13, atol=1e-14) -> list[State]:
     """The states at `times`, monotone from `t0` on, by DOP853 on the index-1 equations, each projected."""
     now = State(t0, p0, v0, acceleration(system, t0, p0, v0)[1])
@@ -104,26 +123,15 @@ def _advance(system, now, target, rtol, atol) -> State:
         speed = np.abs(system.rate(now.t, now.p, now.v)).max(initial=0.0)
         parts = int(np.ceil(speed * abs(target - now.t) / TURN)) or 1
         target = target if parts == 1 else now.t + (target - now.t) / parts
-    base = np.zeros(system.nx) if system.vector_like else now.p
     xi = now.p if system.vector_like else np.zeros(system.nx)
-
-    def position(xi):
-        return xi if system.vector_like else system.integrate(base, xi)
-
-    def f(t, y):
-        xi, v = y[: system.nx], y[system.nx :]
-        p = position(xi)
-        rate = system.rate(t, p, v)
-        xi_rate = rate if system.vector_like else chart_matrix(system, xi) @ rate
-        return np.concatenate((xi_rate, acceleration(system, t, p, v)[0]))
-
+    f = right_hand_side(system, now.p, partial(acceleration, system))
     run = solve_ivp(
         f, (now.t, target), np.concatenate((xi, now.v)), method="DOP853", rtol=max(rtol, 2.3e-14), atol=atol
     )
     if run.status < 0:
         raise PinconsistError(f"the index-1 equations could not be integrated from t = {now.t:.6g}: {run.message}")
     y = run.y[:, -1]
-    return projected(system, target, position(y[: system.nx]), y[system.nx :])
+    return projected(system, target, chart_point(system, now.p, y[: system.nx]), y[system.nx :])
 
 
 def reference_solution(system, t0, p0, v0, times, *, rtol=1e-13, atol=1e-13) -> Reference:

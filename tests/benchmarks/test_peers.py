@@ -1,6 +1,7 @@
 """Every peer that is installed solves what it is measured on, to what its setting promises; no timings."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -9,7 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import null_space
 
 import pinconsist as pc
-from benchmarks.dense_reference import DenseReference, right_hand_side
+from benchmarks.dense_reference import DenseReference
 from benchmarks.equal_error import at_equal_error
 from benchmarks.peers import OWN, peers
 from benchmarks.peers.dae_solvers import Equations
@@ -20,6 +21,7 @@ from benchmarks.work_precision import FEWEST, Point, _chosen, work_precision
 from pinconsist.dae.index1 import solve_acceleration
 from pinconsist.errors import InputError, PinconsistError
 from pinconsist.paper import reference_problem
+from pinconsist.paper.index1 import right_hand_side
 
 PEERS = {peer.name: peer for peer in peers() if not (peer.detail and not peer.fixed_step)}
 SHORT = {"problem51": 0.3, "pendulum": 0.5, "crank_rocker": 0.1}
@@ -88,7 +90,8 @@ def growth(reference):
     problem, system = reference.problem, reference.problem.system
     n, size, times = system.nv, 1e-5, np.linspace(*reference.problem.span, 50)
     rows = reference.at(times)
-    rate, gains = right_hand_side(system, problem.q0), np.zeros((3, 2))
+    rate = right_hand_side(system, problem.q0, partial(solve_acceleration, system))
+    gains = np.zeros((3, 2))
     for tangent in null_space(system.loop_rows(problem.q0)[1]).T:
         for part, change in enumerate(((size * tangent, 0 * tangent), (0 * tangent, size * tangent))):
             start = np.concatenate((problem.q0, problem.v0)) + np.concatenate(change)
