@@ -16,7 +16,18 @@ from .rows import KeptRows, LoopRows, Workspace
 UNCERTAIN = 1e-4  # work_error from which states between the rows are used
 PARTS = (1, 2, 4, 8)  # of a step, each with a formula
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)  # exact up to degree 11: for steps of Radau of high order
-FEWER = np.insert(np.linalg.solve(np.vander(np.delete(NODES, 2), increasing=True).T, [2, 0, 2 / 3, 0, 2 / 5]), 2, 0.0)
+
+
+def _weights_without(left_out):
+    """Weights of the formula at the same nodes but one, exact up to degree 4, with which the first is compared."""
+    nodes = np.delete(NODES, left_out)
+    powers = np.arange(len(nodes))
+    integrals = (1.0 + (-1.0) ** powers) / (powers + 1.0)  # of xⁿ from -1 to 1
+    weights = np.linalg.solve(np.vander(nodes, increasing=True).T, integrals)
+    return np.insert(weights, left_out, 0.0)
+
+
+FEWER = _weights_without(2)
 EVENTS = "events"  # key in ``work`` of the energy change in the jumps at events
 
 
@@ -113,11 +124,7 @@ def energy_of(solution, mechanism, workspace=None, system=None, found=None) -> E
     labels, columns = found or measure(forces, sided(t), q, v, workspace)
     kinetic, potential, terms, *columns = np.ascontiguousarray(columns.T)
     measured = dict(zip(labels, zip(columns[::2], columns[1::2], strict=True), strict=True))
-    power, stored = {}, {}
-    for label, force in forces.items():
-        power[label], elastic = measured.get(label) or _brought(force, sided(t), q, v)
-        if hasattr(force, "stored"):
-            stored[label] = elastic
+    power, stored = _powers(forces, measured, sided(t), q, v)
     _add_drives(power, rows, t, q, solution.lam, workspace)
     elastic = sum(stored.values(), np.zeros(n))
     total = kinetic + potential + elastic
@@ -133,6 +140,16 @@ def energy_of(solution, mechanism, workspace=None, system=None, found=None) -> E
         t=t, kinetic=kinetic, potential=potential, elastic=elastic, total=total, stored=stored, power=power, work=work,
         error=error, _terms=max(np.abs(total).max(), elastic.max(), terms[0]),
     )  # fmt: skip
+
+
+def _powers(forces, measured, t, q, v):
+    """label → power of each force, and label → elastic energy of each spring; `measured` has the compiled ones."""
+    power, stored = {}, {}
+    for label, force in forces.items():
+        power[label], elastic = measured.get(label) or _brought(force, t, q, v)
+        if hasattr(force, "stored"):
+            stored[label] = elastic
+    return power, stored
 
 
 def _add_drives(power, rows, t, q, lam, workspace):
@@ -159,22 +176,23 @@ def refined(energy, mechanism, states, workspace) -> Energy:
 
 
 def _divided(energy, mechanism, states, workspace, parts) -> Energy:
-    t, rows, forces = energy.t, LoopRows.of(mechanism), bound_forces(mechanism.model, mechanism.forces)
+    t = energy.t
+    rows = LoopRows.of(mechanism)
+    forces = bound_forces(mechanism.model, mechanism.forces)
     steps = np.diff(t) / parts
     long = np.flatnonzero(steps)
     places = (np.arange(parts)[:, None] + 0.5 * (1.0 + NODES)).ravel()  # in parts of a step
     times = (t[long, None] + places * steps[long, None]).ravel()
     q, v, lam = states(times)
     labels, columns = measure(forces, times, q, v, workspace)
-    measured = dict(zip(labels, columns[:, 3::2].T, strict=True))
-    power = {}
-    for label, force in forces.items():
-        power[label] = measured[label] if label in measured else _brought(force, times, q, v)[0]
+    measured = dict(zip(labels, zip(columns.T[3::2], columns.T[4::2], strict=True), strict=True))
+    power, _ = _powers(forces, measured, times, q, v)
     _add_drives(power, rows, times, q, lam, workspace)
     work, error = dict(energy.work), energy.error + sum(energy.work[label] for label in power)
     change = np.zeros(len(long))
     for label, values in power.items():
-        values, pieces = values.reshape(len(long), -1), np.zeros(len(t))
+        values = values.reshape(len(long), -1)
+        pieces = np.zeros(len(t))
         pieces[long + 1] = 0.5 * steps[long] * (values @ np.tile(WEIGHTS, parts))
         work[label] = np.cumsum(pieces)
         error = error - work[label]
