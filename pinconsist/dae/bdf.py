@@ -1,4 +1,4 @@
-"""BDF on backward differences: coefficients, prediction, table update, change of step.
+"""BDF on backward differences: tables, and the polynomials through them; the steps are in ``_core/bdf.hpp``.
 
 A table ``Z`` holds ∇⁰y, ∇¹y, ..., ∇ᵏ⁺²y of y = [ξ | v | λ] as rows, ξ being the position in a chart. With
 ``c = h/α_k`` a step solves
@@ -21,13 +21,6 @@ import numpy as np
 from .tuning import MAX_ORDER
 
 ROWS = MAX_ORDER + 3  # of a table: ∇⁰y to ∇ᵏ⁺²y, and zeros
-GAMMA = np.concatenate(([0.0], np.cumsum(1.0 / np.arange(1, MAX_ORDER + 1))))
-
-
-@cache
-def alpha(k: int) -> float:
-    """α_k: the leading weight of the formula; c = h/α_k."""
-    return float(GAMMA[k])
 
 
 @cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -13,7 +14,7 @@ from .problem import Index3System
 from .segments import Segment
 
 
-class Curve:
+class Curve(ABC):
     """The polynomials of successive steps of one system, from `start` to their `ends`.
 
     A segment is a dataclass with ``t_old``, ``end`` and ``system``; called with a time it returns (p, v, λ).
@@ -23,9 +24,9 @@ class Curve:
     system: Index3System
 
     @property
+    @abstractmethod
     def start(self) -> float:
         """Where the first step begins."""
-        raise NotImplementedError
 
     @property
     def sign(self) -> float:
@@ -36,9 +37,9 @@ class Curve:
         """Index of the step at each of the times."""
         return np.minimum(np.searchsorted(self.sign * self.ends, self.sign * times), len(self.ends) - 1)
 
+    @abstractmethod
     def segment(self, i: int):
         """The polynomial of one step."""
-        raise NotImplementedError
 
     def plain(self, i: int):
         """The same as a dataclass with all data of the step."""
@@ -49,17 +50,18 @@ class Curve:
         last = int(self.holders(end))
         return self._cut(last, end) if end != self.ends[-1] else self
 
+    @abstractmethod
     def _cut(self, last, end) -> Curve:
-        raise NotImplementedError
+        """The steps up to one of them, which is used up to `end`."""
 
     def __call__(self, times):
         """(p, v, λ) at several times, as arrays."""
         rows = [self.segment(i)(t) for i, t in zip(self.holders(times), times, strict=True)]
         return tuple(map(np.array, zip(*rows, strict=True)))
 
+    @abstractmethod
     def with_others(self, curves) -> Curve:
         """One curve made of this one and the ones that follow."""
-        raise NotImplementedError
 
 
 @dataclass

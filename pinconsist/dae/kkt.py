@@ -19,7 +19,8 @@ class KKT:
     def __init__(self, A, G, W, c: float = 1.0):
         nv, nc = G.shape
         K = np.zeros((nv + nc, nv + nc), order="F")
-        K[:nv, :nv], K[:nv, nv:] = A, -c * G
+        K[:nv, :nv] = A
+        K[:nv, nv:] = -c * G
         K[nv:, :nv] = W
         self._lu, self._pivots, info = dgetrf(K, overwrite_a=True)
         self.singular = info != 0
@@ -31,14 +32,6 @@ class KKT:
     def solve_transposed(self, rhs):
         """K⁻ᵀ rhs, for `rhs` of shape (nv+nc,)."""
         return dgetrs(self._lu, self._pivots, rhs, trans=1)[0]
-
-
-def columns(nv, nc, *parts):
-    """Right-hand sides of K, shape (nv+nc, len(parts)), from pairs (upper, lower); a part may be 0."""
-    rhs = np.zeros((nv + nc, len(parts)), order="F")
-    for column, (upper, lower) in zip(rhs.T, parts, strict=True):
-        column[:nv], column[nv:] = upper, lower
-    return rhs
 
 
 def singular_message(t) -> str:

@@ -42,10 +42,6 @@ class Segment:
         nx, nv = self.system.nx, self.system.nv
         return chart_point(self.system, self.base, y[:nx]), y[nx : nx + nv], y[nx + nv :]
 
-    def look(self, t: float, with_multipliers: bool):
-        """The same, for events."""
-        return self(t)
-
 
 @dataclass(frozen=True)
 class RadauSegment:
@@ -66,7 +62,7 @@ class RadauSegment:
     p0: np.ndarray
     v0: np.ndarray
     W: np.ndarray
-    U: np.ndarray
+    U: np.ndarray | None  # None where only its end is needed
     p: np.ndarray
     v: np.ndarray
     system: Index3System
@@ -85,11 +81,6 @@ class RadauSegment:
         a = polynomials([(t - self.t_old) / self.h], self.table.s + 1)[0] @ self._coefficients[1]
         v = held_back(system, t, p, v, a, projected, self.h)
         return p, v, Index1(system).acceleration(t, p, v)[1]
-
-    def look(self, t: float, with_multipliers: bool):
-        """The same without projection; λ is empty if it is not requested."""
-        p, v = self._polynomials(t) if t != self.end else (self.p, self.v)
-        return p, v, Index1(self.system).acceleration(t, p, v)[1] if with_multipliers else np.zeros(0)
 
     def _polynomials(self, t):
         theta = (t - self.t_old) / self.h

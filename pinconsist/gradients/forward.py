@@ -66,7 +66,7 @@ class Leg:
         for t, end, (p, v), (q, w) in zip(times[:-1], times[1:], states[:-1], states[1:], strict=True):
             stages = [(at, *first(at)[:2]) for at in t + first.h * formula.c]
             W = np.array([index1.acceleration(*stage)[0] for stage in stages])
-            steps.append(RadauSegment(t, end, first.h, formula, p, v, W, W, q, w, system))  # its polynomial is not used
+            steps.append(RadauSegment(t, end, first.h, formula, p, v, W, None, q, w, system))
         return StageLeg(steps, lambda _: index1), times, self._charts(y)
 
     def begin(self, variants, base, s):
