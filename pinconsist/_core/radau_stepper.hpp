@@ -26,26 +26,24 @@ public:
       return std::sqrt(x.cwiseProduct(weight_.tail(system_.nv)).squaredNorm() / system_.nv);
     };
     double trial = std::min({limit, near / std::max(largest(v), tiny), std::sqrt(near / std::max(largest(a), tiny))});
-    double change = INF, most = 1.0;
-    for (int i = 0;; ++i) {
+    double change, most; // of the acceleration over the trial, and its largest size
+    const auto tells = [&] {
       const double step = std::copysign(trial, t_end - t);
       v1_ = v + step * a;
       shift_ = step * system_.rate(t, p, 0.5 * (v + v1_));
       system_.integrate(p, shift_, p1_);
-      bool from_zero = false;
-      if (index1_.acceleration(t + step, p1_, v1_, a1_, lam1_) && a1_.allFinite() && lam1_.allFinite()) {
-        change = size(a1_ - a);
-        most = std::max(size(a), size(a1_));
-        from_zero = size(a) <= FIRST_CHANGE * most && change * trial <= FIRST_CHANGE * size(v);
-      } else {
-        change = INF;
-        most = 1.0;
-      }
+      change = INF;
+      most = 1.0;
+      if (!index1_.acceleration(t + step, p1_, v1_, a1_, lam1_) || !a1_.allFinite() || !lam1_.allFinite()) return false;
+      change = size(a1_ - a);
+      most = std::max(size(a), size(a1_));
+      const bool from_zero = size(a) <= FIRST_CHANGE * most && change * trial <= FIRST_CHANGE * size(v);
       if (from_zero) most = std::sqrt(change / trial * size(v)); // reached while it changes the velocity by its own size
-      if (most * limit <= FIRST_ERROR) change = 0.0; // accelerations that do not matter are rounding, as at rest
-      if (i + 1 == static_cast<int>(FIRST_TRIALS) || from_zero || change <= FIRST_CHANGE * most) break;
-      trial *= 0.25;
-    }
+      const bool rounding = most * limit <= FIRST_ERROR; // accelerations that do not matter, as at rest
+      if (rounding) change = 0.0;
+      return from_zero || rounding || change <= FIRST_CHANGE * most;
+    };
+    for (int i = 1; !tells() && i < static_cast<int>(FIRST_TRIALS); ++i) trial *= 0.25;
     if (std::isfinite(change)) slope_ = (a1_ - a) / std::copysign(trial, t_end - t);
     const double time = std::min(limit, trial * most / std::max(change, tiny));
     const double part = std::pow(FIRST_ERROR / std::max(most * time, tiny), 1.0 / control.exponent());

@@ -32,13 +32,14 @@ public:
   Failure adaptive(double t0, const Vec &p0, const Vec &v0, const Vec &a0, const Vec &lam0, double t_end, double first,
                    const Control &control, History &out) {
     const int k = control.max_order;
-    radau.control.max_step = (k + 1) * control.max_step;
-    const bool tight = control.rtol_of_run.minCoeff() <= MOST_STAGES_BELOW;
-    begin(t0, p0, v0, a0, lam0, t_end, tight, (START_SHARE * control.rtol).cwiseMax(1e-12), (START_SHARE * control.atol).cwiseMax(1e-13));
     const double shortest = START_APART * std::max(shortest_step(t0), shortest_step(t_end));
+    const bool tight = control.rtol_of_run.minCoeff() <= MOST_STAGES_BELOW;
+    radau.control.max_step = (k + 1) * control.max_step;
+    radau.control.set((START_SHARE * control.rtol).cwiseMax(FINEST), (START_SHARE * control.atol).cwiseMax(0.1 * FINEST), 0);
+    begin(t0, p0, v0, a0, lam0, t_end, tight);
+    out.add(t0, p0, v0, lam0);
     Collocations made;
     double reach = 0.0, error = 0.0;
-    out.add(t0, p0, v0, lam0);
     // Its first step is cautious. Equal steps can be told apart only if they are not too short.
     while (radau.t != t_end && (std::abs(reach) < shortest || (made.size() < START_STEPS && error < START_ERROR))) {
       radau.prepare_next();
@@ -56,18 +57,12 @@ public:
     double h = reach * std::min(1.0, (1.0 + largest(p0)) / moved(p0, radau.p));
     if (first != 0.0) {
       h = std::copysign(std::min(std::abs(first), std::abs(h)), h);
-      error = 0.0;
-    }
-    if (h != reach && first == 0.0) error = error_of(made, p0, t0, h, control);
-    while (error > START_ERROR && std::abs(h) > shortest) {
-      const double factor = std::max(MIN_FACTOR, SAFETY * std::pow(START_ERROR / error, 1.0 / (k + 1)));
-      const double smaller = error_of(made, p0, t0, factor * h, control);
-      if (smaller > error * std::pow(factor, SLOW * (k + 1))) break; // it is rounding
-      h *= factor;
-      error = smaller;
+    } else {
+      h = within_tolerance(made, p0, t0, h, shortest, control);
     }
     out.h = std::copysign(std::max(std::min(std::abs(h), control.max_step), shortest), h);
-    if ((k + 1) * std::abs(out.h) < std::abs(t_end - t0)) out.h = representable(t0, out.h); // else it may lead to the end exactly
+    const bool before_end = (k + 1) * std::abs(out.h) < std::abs(t_end - t0);
+    if (before_end) out.h = representable(t0, out.h); // else it may lead to the end exactly
     for (int i = 1; i < k + 2; ++i) {
       const Failure failure = add(made, t0 + i * out.h, out);
       if (failure != Failure::none) return failure;
@@ -76,12 +71,14 @@ public:
   }
 
   // So many states at a given distance, accurate to rounding if the accelerations are smooth enough.
-  Failure fixed(double t0, const Vec &p0, const Vec &v0, const Vec &a0, const Vec &lam0, double h, int number, History &out) {
+  Failure fixed(double t0, const Vec &p0, const Vec &v0, const Vec &a0, const Vec &lam0, double h, int number,
+                History &out) {
     out.h = h;
     out.add(t0, p0, v0, lam0);
-    const Vec tolerances = Vec::Constant(system_.nx + system_.nv, 1e-13);
+    const Vec tolerances = Vec::Constant(system_.nx + system_.nv, 0.1 * FINEST);
     radau.control.max_step = INF;
-    begin(t0, p0, v0, a0, lam0, t0 + h * (number - 1), true, tolerances, 0.1 * tolerances);
+    radau.control.set(tolerances, 0.1 * tolerances, 0);
+    begin(t0, p0, v0, a0, lam0, t0 + h * (number - 1), true);
     for (int i = 1; i < number; ++i) {
       const double t = t0 + i * h;
       while (radau.t != t) {
@@ -95,11 +92,27 @@ public:
   }
 
 private:
-  void begin(double t0, const Vec &p0, const Vec &v0, const Vec &a0, const Vec &lam0, double t_end, bool tight, const Vec &rtol, const Vec &atol) {
-    radau.control.set(rtol, atol, 0);
+  static constexpr double FINEST = 1e-12; // relative tolerance below which the steps of Radau would follow rounding
+
+  // A run of Radau at the tolerances of its control.
+  void begin(double t0, const Vec &p0, const Vec &v0, const Vec &a0, const Vec &lam0, double t_end, bool tight) {
     if (tight) radau.control.use(static_cast<int>(MOST_STAGES));
     radau.control.sizes = Vec::Zero(system_.nx + system_.nv);
     radau.begin_anew(t0, p0, v0, a0, lam0, t_end);
+  }
+
+  // The largest step up to h with which the error of BDF is allowed.
+  double within_tolerance(const Collocations &made, const Vec &p0, double t0, double h, double shortest, const Control &control) {
+    const int k = control.max_order;
+    double error = error_of(made, p0, t0, h, control);
+    while (error > START_ERROR && std::abs(h) > shortest) {
+      const double factor = std::max(MIN_FACTOR, SAFETY * std::pow(START_ERROR / error, 1.0 / (k + 1)));
+      const double smaller = error_of(made, p0, t0, factor * h, control);
+      if (smaller > error * std::pow(factor, SLOW * (k + 1))) break; // it is rounding
+      h *= factor;
+      error = smaller;
+    }
+    return h;
   }
 
   // The largest distance of a coordinate between two positions.
