@@ -124,7 +124,7 @@ def threads(until, method, repeats=7, cases=40) -> Threads:
 
 def _free_share(work, cases) -> float:
     """The share of the time in the loop around the steps, which holds no lock of Python's."""
-    inside, made = [], Stepper.steps
+    inside, made = [], Stepper.made
 
     def timed(*arguments):
         begun = time.thread_time()
@@ -133,14 +133,14 @@ def _free_share(work, cases) -> float:
         finally:
             inside.append(time.thread_time() - begun)
 
-    Stepper.steps = timed
+    Stepper.made = timed
     try:
         begun = time.thread_time()
         for case in cases:
             work(case)
         return sum(inside) / (time.thread_time() - begun)
     finally:
-        Stepper.steps = made
+        Stepper.made = made
 
 
 # fmt: off

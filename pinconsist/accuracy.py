@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ._core import load
+from ._core import required
 from ._core.steppers import stepper_for
 from ._core.systems import CompiledIndex1, blank_system, compiled_system
 from .dae.control import ErrorControl
@@ -344,7 +344,7 @@ def _compiled(system, states, workspace):
     if not twin.calls_python:
         for _ in range(min(THREADS, _processors(), len(states[0]) // max(A_THREAD, system.nv**2 // 10)) - 1):
             add(blank_system(system.model))
-    if (found := load()[0].certified(systems, system.kept, *states)) is None:
+    if (found := required().certified(systems, system.kept, *states)) is None:
         return None
     *residuals, energies, acting = found
     return *residuals, (labels, energies), acting

@@ -50,7 +50,8 @@ def method_of(span, method, step, max_order, rtol, atol, consistency, first_step
             raise InputError(f"step = {step:g} s makes {steps:.1g} steps until t = {span[1]:g} s; set max_steps to try")
         return dae.Method(order, consistency, FixedStep(), step, max_steps=max_steps, stages=stages)
     first_step = None if first_step is None else positive_time(first_step, "first_step")
-    max_step = np.inf if isinstance(max_step, float) and max_step == np.inf else positive_time(max_step, "max_step")
+    unlimited = isinstance(max_step, float | np.floating) and max_step == np.inf
+    max_step = np.inf if unlimited else positive_time(max_step, "max_step")
     tolerances = _pair(rtol, "rtol"), _pair(atol, "atol")
     control = ErrorControl(*tolerances, order, max_step, consistency == "every-step", stages)
     asked = control.asked[0]

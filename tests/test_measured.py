@@ -56,7 +56,7 @@ def test_powers_and_stored_energy_of_every_force(name):
         np.testing.assert_allclose(getattr(found, part), getattr(expected, part), rtol=1e-12, atol=1e-11)
 
 
-@pytest.mark.parametrize("workspace", [Workspace, pytest.param(lambda model: Workspace(model, blank_system), marks=())])
+@pytest.mark.parametrize("workspace", [Workspace, lambda model: Workspace(model, blank_system)])
 def test_kinetic_energy_includes_the_rotors_of_all_joints(workspace):
     """Pinocchio's computeKineticEnergy leaves out the rotors of revolute and helical joints about any axis."""
     model, axis = pin.Model(), np.array([0.6, 0.0, 0.8])

@@ -65,14 +65,13 @@ public:
   int noisy_steps = 0; // with errors that were rounding, since a longer step was last tried
   bool keep_weights = true;
 
-  // Tolerances of a run. With a tolerance τ of one step's error, steps of size h ~ τ^(1/(k+1)) sum up to
-  // τ/h ~ τ^(k/(k+1)), k being the highest order. Rounding in one step is eps/h in the velocities, which is below τ if
-  // τ > eps^((k+1)/(k+2)).
-  void set(const Vec &relative, const Vec &absolute, int order) {
+  // Tolerances of a run, and the smallest of a step. With a tolerance τ of one step's error, steps of size h ~ τ^(1/(k+1))
+  // sum up to τ/h ~ τ^(k/(k+1)), k being the highest order.
+  void set(const Vec &relative, const Vec &absolute, int order, double rounding) {
     rtol_of_run = relative;
     atol_of_run = absolute;
     max_order = order;
-    const double k = order, rounding = 3.0 * std::pow(EPS, (k + 1.0) / (k + 2.0));
+    const double k = order;
     const Eigen::ArrayXd tol = relative.cwiseMax(absolute);
     const Eigen::ArrayXd share = (ACCURACY * tol).pow((k + 1.0) / k).max(rounding) / tol;
     rtol = share * relative.array();

@@ -165,8 +165,9 @@ void bind_bdf(nb::module_ &m) {
            })
       .def("take_velocities", &Stepper::take_velocities)
       .def("fix_order", [](Stepper &s, int order) { s.control.max_order = order; })
-      .def("control_error", [](Stepper &s, const Vec &rtol, const Vec &atol, const Vec &sizes, int max_order, double max_step, bool noise) {
-        s.control.set(rtol, atol, max_order);
+      .def("control_error", [](Stepper &s, const Vec &rtol, const Vec &atol, const Vec &sizes, int max_order, double rounding,
+                               double max_step, bool noise) {
+        s.control.set(rtol, atol, max_order, rounding);
         s.control.sizes = sizes;
         s.control.max_step = max_step;
         s.control.noise = noise;
@@ -181,7 +182,6 @@ void bind_radau(nb::module_ &m) {
              new (self) RadauStepper(system, switches_of(switches));
            }, "system"_a, "switches"_a, nb::keep_alive<1, 2>())
       .def_prop_ro("k", [](const RadauStepper &s) { return 2 * s.control.s - 1; })
-      .def_prop_ro("last_step", [](RadauStepper &s) { return StageCurve{{s.last_step()}}; })
       .def("jump", [](RadauStepper &s) { return s.jump() == Failure::none; })
       .def("divide", &RadauStepper::divide, "t_end"_a, "least"_a = 1)
       .def("begin",

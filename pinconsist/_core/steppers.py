@@ -56,9 +56,11 @@ class Stepper(ABC):
     _compiled: Any = None  # its equations
 
     def __init__(self, system, method):
-        self.method, self.control = method, method.control
+        self.method = method
+        self.control = method.control
         self.control.fit(system)
-        self.newton, self.unseen = SimpleNamespace(nfev=0, njev=0, nlu=0), []
+        self.newton = SimpleNamespace(nfev=0, njev=0, nlu=0)
+        self.unseen: list[tuple] = []
         self.change_system(system)
 
     t = property(lambda self: self._core.t)
@@ -70,12 +72,14 @@ class Stepper(ABC):
 
     def change_system(self, system) -> None:
         """Continue with another system of the same sizes, from the next :meth:`begin` on; counters are kept."""
-        self.system, self._compiled, before = system, compiled_system(system), self._core
+        before = self._core
+        self.system = system
+        self._compiled = compiled_system(system)
         native = hasattr(system, "hand_over")
         self.ahead = native and not self._compiled.calls_python
         self.index1: Index1 = CompiledIndex1(system, self._compiled)
         self._all_rows = with_all_rows(system) if native and not system.dropped_are_zero else None
-        self._core = self._made()
+        self._core = self._new_core()
         self._core.first = self.method.first_step or 0.0
         self._core.step = self.method.step or 0.0
         self._turns = None
@@ -87,7 +91,7 @@ class Stepper(ABC):
             self._control(rtol, atol, sizes)
 
     @abstractmethod
-    def _made(self):
+    def _new_core(self):
         """The run in C++."""
 
     @abstractmethod
@@ -138,14 +142,7 @@ class Stepper(ABC):
         """Continue after a jump of forces at the time reached; returns what :meth:`begin` does."""
 
     def watched(self, signs) -> bool:
-        """Evaluate the signs at the unseen states until one has changed; returns whether one has."""
-        while self.unseen:
-            if 0.0 in signs.values:
-                beside = signs.end + NUDGE * (self.unseen[0][0] - signs.end)
-                if signs.look(beside, *self._core.inside(beside)):
-                    return True
-            if signs.look(*self.unseen.pop(0)):
-                return True
+        """Evaluate the signs in the unseen part of the last step until one has changed; returns whether one has."""
         if self._core.watched(signs):
             raise SingularSystemError(singular_message(signs.end))
         return signs.changed
@@ -165,9 +162,11 @@ class Stepper(ABC):
         at which forces jump.
         """
         t_old = self.t
-        return self._batch(
-            self._core.run(self._compiled, t_end, most, with_curve, signs, sees, forces), t_old, with_curve
-        )
+        return self._batch(self.made(t_end, most, with_curve, signs, sees, forces), t_old, with_curve)
+
+    def made(self, t_end, most, with_curve, signs, sees, forces) -> tuple:
+        """The same, as C++ returns them: the time in here is that without Python."""
+        return self._core.run(self._compiled, t_end, most, with_curve, signs, sees, forces)
 
     def reach(self, t_end, jumped, forces):
         """Integrate to a time without returning the steps: (t, p, v) there, or None; see :meth:`unread`."""
@@ -211,7 +210,7 @@ class BdfStepper(Stepper):
     _chart_points: Any = None  # see Tables in dae/dense.py; it holds no function of the user's
     _changed: Any = None  # what happened to the table before the next step, see Segment in dae/segments.py
 
-    def _made(self):
+    def _new_core(self):
         system = self.system
         if hasattr(system, "hand_over") and not system.vector_like:
             self._chart_points = blank_system(system.model, system.data).chart_points
@@ -221,7 +220,8 @@ class BdfStepper(Stepper):
 
     def _control(self, rtol, atol, sizes):
         control = self.control
-        self._core.control_error(rtol, atol, sizes, control.max_order, control.max_step, control.noise)
+        order, rounding = control.max_order, control.rounding
+        self._core.control_error(rtol, atol, sizes, order, rounding, control.max_step, control.noise)
 
     def passes_changes(self, with_curve):
         method = self.method
@@ -253,21 +253,38 @@ class BdfStepper(Stepper):
     def resume(self, t_end):
         return self.begin(self.t, self.p, self.v, t_end)
 
+    def watched(self, signs):
+        """The same, at the states of a start first."""
+        while self.unseen:
+            if 0.0 in signs.values:
+                beside = signs.end + NUDGE * (self.unseen[0][0] - signs.end)
+                if signs.look(beside, *self._core.inside(beside)):
+                    return True
+            if signs.look(*self.unseen.pop(0)):
+                return True
+        return super().watched(signs)
+
     def curve_of_start(self) -> Tables:
         """The polynomial of the starting history."""
-        core, change = self._core, np.full(1, None)
-        end, degree = np.array([core.t]), np.array([core.points - 1])
-        of_step = np.array([core.t_old]), end, end, np.array([core.used_h]), degree
-        return Tables(*of_step, core.base[None], core.Z[None], change, self.system, self._chart_points)
+        core = self._core
+        end = np.array([core.t])
+        return Tables(
+            t_old=np.array([core.t_old]), ends=end, t=end, h=np.array([core.used_h]), k=np.array([core.points - 1]),
+            base=core.base[None], Z=core.Z[None], changes=np.full(1, None), system=self.system,
+            chart_points=self._chart_points,
+        )  # fmt: skip
 
     def _curve(self, t_old, t, h, k, polynomials):
         base, Z, changed, matrices = polynomials
         changes = np.full(len(t), None)
         changes[:] = [bdf.UNCHANGED] * len(t)
-        changes[0], self._changed = self._changed, bdf.UNCHANGED
+        changes[0] = self._changed
+        self._changed = bdf.UNCHANGED
         for i, matrix in zip(changed, matrices.reshape(-1, bdf.ROWS, bdf.ROWS), strict=True):
             changes[i] = matrix
-        starts, base, Z = np.append(t_old, t[:-1]), base.reshape(len(t), -1), Z.reshape(len(t), bdf.ROWS, -1)
+        starts = np.append(t_old, t[:-1])
+        base = base.reshape(len(t), -1)
+        Z = Z.reshape(len(t), bdf.ROWS, -1)
         return Tables(starts, t, t, h, k, base, Z, changes, self.system, self._chart_points)
 
     def _counted(self, failure):
@@ -292,7 +309,7 @@ class RadauStepper(Stepper):
 
     rows_watched = 1  # steps are long
 
-    def _made(self):
+    def _new_core(self):
         core = required().RadauStepper(self._compiled, self.method.switches)
         if self.method.step is not None:
             core.fix_stages(self.method.stages)

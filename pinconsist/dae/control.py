@@ -66,12 +66,15 @@ class ErrorControl:
 
     @property
     def best(self) -> float:
-        """The smallest tolerance that can be met in double precision; for BDF see Control::set in _core/control.hpp."""
+        """The smallest tolerance that can be met in double precision."""
         if self.stages is not None:
             return BEST_OF_STAGES
-        k = self.max_order
-        rounding = 3.0 * EPS ** ((k + 1) / (k + 2))
-        return rounding ** (k / (k + 1)) / ACCURACY
+        return self.rounding ** (self.max_order / (self.max_order + 1)) / ACCURACY
+
+    @property
+    def rounding(self) -> float:
+        """Smallest tolerance of a step of BDF: rounding, eps/h in velocities, is below τ if τ > eps^((k+1)/(k+2))."""
+        return 3.0 * EPS ** ((self.max_order + 1) / (self.max_order + 2))
 
     @property
     def longest(self) -> float:

@@ -1,6 +1,6 @@
 """The constants of the method and its failure messages, shared by Python and C++.
 
-The compiled method reads them from here by name when it is loaded (``_core/tuning.hpp`` lists those that it uses).
+C++ reads them from here by name when it is loaded (``_core/tuning.hpp`` lists those that it uses).
 """
 
 from dataclasses import dataclass
@@ -94,7 +94,7 @@ CHATTER, LONG, ENDLESS = 0.3, 1e5, 1e9  # Newton failures per step; remaining st
 
 PATIENCE = 0.05  # s after which one call makes no more steps, so that interrupts are noticed
 
-# Only for the compiled method: forecasts that avoid evaluations, and matrices that are kept
+# Only for speed: forecasts that avoid evaluations, and matrices that are kept
 HIDDEN = 7.0  # hidden residual that may remain, relative to Newton's tolerance; from 20 on it affects multipliers
 FORCES = 3.0  # its effect on G λ, relative to the largest one, in units of the step's rtol^(k/(k+1))
 FORECAST_ROUNDING = 2e-12  # if HIDDEN allows less, relative to the velocities, the hidden residual is always removed
@@ -118,7 +118,7 @@ FAILURES = {
 
 @dataclass(frozen=True)
 class Switches:
-    """Features of the compiled method that exist only for speed. With all off, it makes the same steps as Python.
+    """Features that exist only for speed.
 
     Attributes
     ----------
