@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from helpers import sdf_texts
+from helpers.warned import told
 
 import pinconsist as pc
 from pinconsist._core.systems import compiled_system
@@ -48,10 +49,6 @@ def written(path, actuators, slide="", rest=TENDON):
 def elsewhere(tmp_path, monkeypatch):
     """MuJoCo writes its warnings to a file in the current folder."""
     monkeypatch.chdir(tmp_path)
-
-
-def told(recwarn):
-    return "\n".join(str(each.message) for each in recwarn)
 
 
 def pulled(mech, q, v):
@@ -182,11 +179,12 @@ def test_what_exerts_no_force_is_said(tmp_path, recwarn):
     path = written(tmp_path / "arm.xml", actuators + off, rest='<option actuatorgroupdisable="2 3"/>')
     mech = pc.load(path)
     assert [force.name for force in mech.forces if isinstance(force, pc.Actuator)] == ["slide"]
-    assert mech.actuated == ("hip", "knee", "slide") and len(recwarn) == 3
+    assert mech.actuated == ("hip", "knee", "slide") and len(recwarn) == 4
     assert [str(each.message).split(": ")[-1] for each in recwarn] == [
         "it has dynamics of its own, or a delay",
         "it has dynamics of its own, or a delay",
         "the options disable it",
+        "2 colliding geoms",
     ]
 
 

@@ -346,7 +346,8 @@ LIMITED = ('<joint name="rocker" type="continuous">', '<joint name="rocker" type
 
 def test_a_coordinate_outside_of_its_limits_is_told(run, bar):
     """The closed rocker stands at -1.413; by whole turns it may be elsewhere."""
-    wrong = "rocker = -1.41339 is outside the limits of its file, -1 … 1: a wrong anchor or guess?"
+    wrong = "rocker = -1.41339 is outside the limits of its file, -1 … 1: a wrong anchor or guess? "
+    wrong += "--at rocker=0 starts within them"
     path = bar(LIMITED)
     without = f"{path}: without effect here: limits of 1 joint (watched, not enforced)"
     code, _, err = run("check", path)
@@ -361,7 +362,7 @@ def test_a_coordinate_outside_of_its_limits_is_told(run, bar):
 def test_a_loop_file_that_is_overlooked_is_told_with_the_option_that_names_it(run, bar):
     bar().with_suffix(".yaml").rename("closed.yaml")
     err = run("check", "bar.urdf")[2]
-    assert "if it is closed.yaml, pass it as --loops" in err
+    assert "closed.yaml beside it describes loops" in err and 'pass it as --loops "closed.yaml"' in err
 
 
 def test_loops_that_leave_no_motion_are_told(run, bar):

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.bodies import frame_pose, loop_rows
+from helpers.warned import told
 
 import pinconsist as pc
 from pinconsist.mechanism.motion import Motion
@@ -123,15 +124,13 @@ def test_connect_joins_two_bodies_of_the_world(scene, ends):
         np.testing.assert_allclose(gap(mech, [0.0, np.pi]), [0, 0, 0], atol=1e-15)
 
 
-def test_what_is_not_active_is_left_out_and_told(scene, caplog):
+def test_what_is_not_active_is_left_out_and_told(scene, recwarn):
     off = '<connect name="off" active="false" site1="tip_left" site2="tip_right"/>'
     on = '<weld name="on" body1="left" body2="right"/>'
-    with caplog.at_level("WARNING", logger="pinconsist"):
-        assert [loop.name for loop in scene(two_arms(off + on)).loops] == ["on"]
-    assert "equality 'off': left out, it is not active" in caplog.text
-    with caplog.at_level("WARNING", logger="pinconsist"):
-        assert scene('<option><flag equality="disable"/></option>' + two_arms(on)).loops == ()
-    assert "equality 'on': left out" in caplog.text
+    assert [loop.name for loop in scene(two_arms(off + on)).loops] == ["on"]
+    assert "equality 'off': left out, it is not active" in told(recwarn)
+    assert scene('<option><flag equality="disable"/></option>' + two_arms(on)).loops == ()
+    assert "equality 'on': left out" in told(recwarn)
     tendon = '<tendon tendon1="t" active="false"/>'
     cable = '<spatial name="t"><site site="tip_left"/><site site="tip_right"/></spatial>'
     assert [loop.name for loop in scene(two_arms(tendon + on, tendon=cable)).loops] == ["on"]

@@ -11,6 +11,7 @@ import pytest
 from helpers.bodies import frame_pose, loop_rows
 from helpers.extras import skips_missing_extras
 from helpers.sdf_texts import BAR, CHAIN, A, B, C, axis, joint, link, write
+from helpers.warned import told
 
 import pinconsist as pc
 from pinconsist.formats.catalogue import ROBOTS, robot_file
@@ -538,10 +539,9 @@ def test_links_without_gravity(scene):
     assert not np.any(mech.model.gravity.linear)
 
 
-def test_unconnected_models_are_told_of(scene, caplog):
-    with caplog.at_level("WARNING", logger="pinconsist"):
-        mech = pc.load(scene(CHAIN + link("d", "9 0 0 0 0 0")), free_flyer=True)
-    assert "'a', 'd'" in caplog.text
+def test_unconnected_models_are_told_of(scene, recwarn):
+    mech = pc.load(scene(CHAIN + link("d", "9 0 0 0 0 0")), free_flyer=True)
+    assert "'a', 'd'" in told(recwarn)
     assert mech.joints == ("a_root_joint", "j", "k", "d_root_joint")
     np.testing.assert_allclose(at(mech, "d")[:3, 3], [9, 0, 0])
 
@@ -553,31 +553,25 @@ def test_springs_and_first_positions(scene):
     assert mech.guess == [0.4]
 
 
-def test_elements_that_mean_nothing_here_pass_and_misspelt_ones_are_told(scene, caplog):
+def test_elements_that_mean_nothing_here_pass_and_misspelt_ones_are_told(scene, recwarn):
     quiet = '<plugin name="camera" filename="x.so"><anything/></plugin><self_collide>1</self_collide>'
-    with caplog.at_level("WARNING", logger="pinconsist"):
-        pc.load(scene(CHAIN + quiet))
-    assert not caplog.text
-    with caplog.at_level("WARNING", logger="pinconsist"):
-        pc.load(
-            scene(
-                CHAIN.replace("<mass>", "<inertia_/><mass>").replace("<inertial>", "<inertail/><inertial>")
-                + "<joints/>"
-            )
-        )
-    assert "link 'a': the element <inertail>" in caplog.text and "<joints> is not known" in caplog.text
+    pc.load(scene(CHAIN + quiet))
+    assert not told(recwarn)
+    pc.load(
+        scene(CHAIN.replace("<mass>", "<inertia_/><mass>").replace("<inertial>", "<inertail/><inertial>") + "<joints/>")
+    )
+    assert "link 'a': the element <inertail>" in told(recwarn) and "<joints> is not known" in told(recwarn)
 
 
 VISUAL = """<visual name="v"><pose relative_to="f">0 0 1 0 0 0</pose><geometry>{}</geometry>
 <material><ambient>1 0 0 1</ambient></material></visual>"""
 
 
-def test_what_has_no_effect_is_told(scene, caplog):
+def test_what_has_no_effect_is_told(scene, recwarn):
     slow = link("d", "", BAR + "<velocity_decay><linear>0.1</linear></velocity_decay>")
     state = '<state world_name="w"/>'
-    with caplog.at_level("WARNING", logger="pinconsist"):
-        pc.load(scene(f'{state}<model name="m">{CHAIN}{slow}</model>', head='<world name="w">', tail="</world>"))
-    assert "<state> has no effect" in caplog.text and "link 'd': velocity_decay has no effect" in caplog.text
+    pc.load(scene(f'{state}<model name="m">{CHAIN}{slow}</model>', head='<world name="w">', tail="</world>"))
+    assert "<state> has no effect" in told(recwarn) and "link 'd': velocity_decay has no effect" in told(recwarn)
 
 
 def test_shapes_stand_on_their_links(scene, tmp_path):

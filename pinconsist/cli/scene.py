@@ -5,7 +5,7 @@ import re
 import warnings
 from functools import wraps
 from inspect import Parameter, Signature, signature
-from math import floor, log10, pi
+from math import floor, isfinite, log10, pi
 from typing import Annotated, get_args
 
 import typer
@@ -211,13 +211,19 @@ def scene_warnings(mech, assembly) -> list[str]:
 
     outside = [
         f"{each.joint} = {size(each.value)} is outside the limits of its file, {each.lower:.6g} … {each.upper:.6g}: a "
-        "wrong anchor or guess?"
+        f"wrong anchor or guess? --at {each.joint}={_inside(each):.3g} starts within them"
         for each in beyond_limits(mech, [0.0], assembly.q[None, :])
     ]
     sentences = first(outside, MOST_SHOWN, "and {} more") + _immobile(mech, assembly)
     for sentence in sentences:
         _log.warning("%s", sentence)
     return sentences
+
+
+def _inside(limits) -> float:
+    """A value within limits: the middle, or the limit that is finite."""
+    finite = [each for each in (limits.lower, limits.upper) if isfinite(each)]
+    return sum(finite) / len(finite)
 
 
 def _immobile(mech, assembly) -> list[str]:

@@ -1,6 +1,5 @@
 """Files, names and Pinocchio's own objects → Mechanism."""
 
-import logging
 import os
 from dataclasses import replace
 from importlib import import_module
@@ -10,13 +9,13 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import FormatError, InputError
-from ..mechanism.checks import choice, flag, several
+from ..mechanism.checks import choice, flag, several, warn
 from ..mechanism.loops import GROUND, Loop, anchor
 from ..mechanism.mechanism import Geometry, Mechanism
 from . import catalogue, loopfile
+from .plausible import warn_of_inertias, warn_of_units
 from .reading import located
 
-_log = logging.getLogger(__name__)
 _CLOSURES = ("point", "frame", "hinge")
 _THEIR_KINDS = {
     "PointAnchorConstraintModel": "point",
@@ -126,11 +125,12 @@ def read_scene(
         from .urdf_loops import closing_frames
 
         closures = closing_frames(model, path, closure)
-        if not closures:
-            loopfile.warn_of_other_yaml(path)
+    if loop_path is None and not scene.content:
+        loopfile.warn_of_other_files(path)
+    warn_of_units(path, model)
     closures = _closed_by(closures, closure)
     if robot.ignored:
-        _log.warning("%s: without effect here: %s", path, ", ".join(robot.ignored))
+        warn(f"{path}: without effect here: {', '.join(robot.ignored)}")
     with located(loop_path or path):
         return Mechanism(
             model,
@@ -158,8 +158,12 @@ def _of_model(source, loops, closure) -> Mechanism:
     if isinstance(loops, str) or not hasattr(loops, "__iter__"):
         kind = type(loops).__name__
         raise InputError(f"loops= of a pin.Model needs a sequence of constraint models or Loops, got {kind}")
+    bodies = zip(list(model.names)[1:], list(model.inertias)[1:], strict=True)
+    title = model.name or "mechanism"
+    warn_of_inertias(title, [(f"the body at joint {name!r}", inertia.inertia) for name, inertia in bodies])
+    warn_of_units(title, model)
     loops, model = loops_of(loops, model)
-    return Mechanism(model, _closed_by(loops, closure), name=model.name or "mechanism")
+    return Mechanism(model, _closed_by(loops, closure), name=title)
 
 
 def _closed_by(loops, closure) -> tuple:

@@ -8,8 +8,8 @@ example-parallel-robots collection: ``closed_loop`` (pairs of frames), ``type`` 
 ``joint_name`` and ``joint_type``.
 """
 
-import logging
 import os
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,6 +18,7 @@ import pinocchio as pin
 import yaml
 
 from ..errors import FormatError
+from ..mechanism.checks import warn
 from ..mechanism.joint_constraints import Coupling, Drive
 from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism
@@ -30,8 +31,12 @@ MAX_BYTES = 1_000_000
 MAX_VALUE = 10_000  # characters: the time to parse 1:1:1:..., a number in base 60, grows with their square
 _OWN_KEYS = ("description", "loops", "forces", "guess", "actuated", "duration", "joints", "gravity", "joint_order")
 _ROBOT_KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
+_FOREIGN = ("ball_loops", "pin_loops", "closing_joints")
+"""Keys of files in which exporters list loops."""
+_LOOP_KEY = re.compile(rf"(?m)^(loops|forces|closed_loop|(?:{'|'.join(_FOREIGN)})(?!\s*:\s*\[\]))\s*:".encode())
+_SUBFOLDERS = ("urdf", "sdf", "xml", "mjcf")  # of a robot's folder, with the files of its tree
+_ROBOTS = (".urdf", ".sdf", ".xml", ".mjcf")
 _KINDS = {"3d": "point", "6d": "frame"}
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -77,12 +82,33 @@ def find_loop_file(path: Path) -> Path | None:
     return next((each for each in candidates if os.path.isfile(each)), None)
 
 
-def warn_of_other_yaml(path: Path) -> None:
-    """Warn of YAML files next to a robot without a loop file: one of them may be meant as its loop file."""
-    if others := sorted(each.name for suffix in ("yaml", "yml") for each in path.parent.glob(f"*.{suffix}")):
-        advice = f"if it is {' or '.join(others)}, pass it as loops="
-        plain = "and is loaded as a plain tree"
-        _log.warning("%s has no loop file (%s.yaml or robot.yaml) %s; %s", path, path.stem, plain, advice)
+def warn_of_other_files(path: Path) -> None:
+    """Warn of YAML files beside a robot's file that describe loops and are not read: one of them may be meant.
+
+    Those of the robots beside it (``other.urdf`` and ``other.yaml``) are not.
+    """
+    folders = (path.parent, path.parent.parent) if path.parent.name in _SUBFOLDERS else (path.parent,)
+    files = (each for folder in folders for suffix in ("yaml", "yml") for each in sorted(folder.glob(f"*.{suffix}")))
+    for file in files:
+        key = _describes_loops(file)
+        others = file.stem != path.stem and any(file.with_suffix(suffix).exists() for suffix in _ROBOTS)
+        if not key or others:
+            continue
+        if key in _FOREIGN:
+            advice = f"its key {key} is not known here: write the loops as records, loops: [{{name: …, kind: …}}]"
+        else:
+            advice = f'if it belongs to the robot, pass it as loops="{file}"'
+        warn(f"{path}: {file.name} beside it describes loops and is not read; {advice}")
+
+
+def _describes_loops(file: Path) -> str:
+    """The key of a YAML file that has loops, forces or joints that close loops; empty for other files."""
+    try:
+        with file.open("rb") as opened:
+            found = _LOOP_KEY.search(opened.read(MAX_BYTES))
+    except OSError:
+        return ""
+    return found[1].decode() if found else ""
 
 
 def with_distinct_frames(records, model):
@@ -184,7 +210,7 @@ def _robot(record, path):
     for key in set(record) - set(_ROBOT_KEYS):
         if key in _OWN_KEYS:
             raise FormatError(f"the key {key!r} cannot be combined with those of robot.yaml ({', '.join(_ROBOT_KEYS)})")
-        _log.warning("%s: the key %r is not known and has no effect%s", path, key, near(key, _ROBOT_KEYS))
+        warn(f"{path}: the key {key!r} is not known and has no effect{near(key, _ROBOT_KEYS)}")
     pairs, kinds = items(record, "closed_loop"), items(record, "type")
     if kinds and len(kinds) != len(pairs):
         raise FormatError(f"{len(kinds)} types for {len(pairs)} loops", element="type")

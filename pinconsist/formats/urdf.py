@@ -18,6 +18,7 @@ import pinocchio as pin
 from ..errors import FormatError
 from .ignored import COLLISIONS, LIMITS, Ignored
 from .joints import AS_WRITTEN, replaced
+from .plausible import inertias_of, limits_of, warn_of_inertias, warn_of_limits
 from .reading import LARGEST, Node, RobotFile, parsed, read_bytes, require_known, text
 from .urdf_extensions import HARMLESS, ROBOT, count_extensions, springs, weightless_links
 from .urdf_loops import X_AXIS, ZERO, couplings, loop_joints, refuse_foreign, transmissions
@@ -47,6 +48,8 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), joint_t
     raw = without_namespace(parsed(content))
     refuse_foreign(raw, ignore, content)
     robot = checked(raw, name)
+    warn_of_inertias(path, inertias_of(robot))
+    warn_of_limits(path, limits_of(robot))
     ignored = _ignored(raw)
     loops, followers = loop_joints(raw), couplings(raw)
     types, joints = dict(joint_types or {}), {joint.get("name"): joint for joint in robot.findall("joint")}
@@ -251,7 +254,10 @@ def _check_tree(links, joints):
         roots += inner
         depths |= dict.fromkeys(inner, depths[link] + 1)
         if depths[link] > DEEPEST:
-            raise links[link].error(f"more than {DEEPEST:,} links hang on each other in a row")
+            raise links[link].error(
+                f"more than {DEEPEST:,} links hang on each other in a row, too many for Pinocchio's reader of URDF; an "
+                "SDF file may have more"
+            )
     if len(roots) < len(links):
         loose = next(link for link in links if link not in roots)
         raise links[loose].error("its parents do not lead to a root: the links form a cycle")

@@ -44,7 +44,6 @@ there are no limits. If the rotors couple the inertias of the two joints, only t
 warning. Other transmissions exert no force, also with a warning.
 """
 
-import logging
 import re
 from xml.etree.ElementTree import Element
 
@@ -71,7 +70,6 @@ _MIXED = {  # reductions of two joints → for each actuator, its factor on each
     "DifferentialTransmission": lambda first, second: ((first, second), (first, -second)),
     "FourBarLinkageTransmission": lambda first, second: ((first, -first * second), (0.0, second)),
 }
-_log = logging.getLogger(__name__)
 
 
 def refuse_foreign(robot: Element, ignore, content) -> None:
@@ -97,7 +95,7 @@ def _loop(name, node, links):
         raise node.error(f"type {kind!r} is not one of {', '.join(_KINDS)}")
     for tag in ("limit", "dynamics", "mimic"):
         if node.child(tag):
-            _log.warning("%s: <%s> does not act on a joint that closes a loop", node.name, tag)
+            warn(f"{node.name}: <{tag}> does not act on a joint that closes a loop")
     fields = {}
     for number in (1, 2):
         end = node.child(f"link{number}", required=True)
@@ -154,7 +152,7 @@ def closing_frames(model, path, closure=None) -> tuple[Loop, ...]:
     for (name, source), ends in pairs.items():
         if len(ends) < 2:
             reason = "the other frame of the pair is missing"
-            _log.warning("%s: the frame %r does not close a loop: %s", path, *ends.values(), reason)
+            warn(f"{path}: the frame {next(iter(ends.values()))!r} does not close a loop: {reason}")
             continue
         kind, axis = "point" if source == "onshape" or "3D" in name.upper() else "frame", None
         if source == "onshape" and closure == "hinge":
@@ -163,7 +161,7 @@ def closing_frames(model, path, closure=None) -> tuple[Loop, ...]:
     if found:
         reason = "its loops are taken from the names of its frames"
         listed = ", ".join(f"{loop.name} ({loop.kind})" for loop in found)
-        _log.warning("%s has no loop file; %s: %s. closure= or a loop file overrides this", path, reason, listed)
+        warn(f"{path} has no loop file; {reason}: {listed}. closure= or a loop file overrides this")
     return tuple(found)
 
 

@@ -12,8 +12,8 @@ from .checks import coordinates, number, require_mechanism, warn
 from .closing import CLOSED, NEARLY, LoopSolver
 from .correction import hint
 from .joint_constraints import Drive
-from .lie import difference
-from .names import filled
+from .lie import difference, integrate
+from .names import filled, velocity_units
 from .rank import dependencies, weak_text
 
 KEPT = 1e-9  # rad or m: a joint farther than this from its value has not kept it
@@ -21,6 +21,8 @@ MOST_SHOWN = 6  # joints in one warning
 DRIVEN = 1e-6  # rad or m: a given joint value farther than this from that of its drive contradicts the drive
 ROUNDED_GAP = 1e-3  # m or rad: larger gaps are not caused by rounded numbers
 NEARLY_SINGULAR = 1e-6  # smallest singular value of the loops' kept rows, relative to the largest
+FAR = 10.0  # times the size of the mechanism at the guess: no body is meant to slide or to reach that far
+FAR_STEPS = 10  # of Newton's method, without a bound: they converge from where the bounded search ended, or not at all
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,6 +158,10 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, 
     if advises and (weak or immobile) and (advice := hint(mechanism)):
         why = f"rank {len(kept)} and mobility {mobility} depend on rounding: {weak_text(weak)}" if weak else ""
         warn(f"{mechanism.name}: {why or 'nothing can move'}. Most likely {advice}")
+    if advises and (far := _far_off(solver, guess, best)):
+        warn(f"{mechanism.name}: the loops close only {far}. Check lengths, units and the directions of axes")
+    if advises and (long := _long_levers(solver, guess)):
+        warn(f"{mechanism.name}: {long}")
     return Assembly(
         q=best,
         v=velocity_on_constraints(solver, best, v),
@@ -252,6 +258,71 @@ def impossible_alone(mechanism, guess, gaps, fixed, t: float = 0.0) -> dict:
     return alone
 
 
+def _far_off(solver, guess, q) -> str:
+    """Which joints slide far beyond the size of the mechanism, from `guess` to `q`, in words, or an empty string."""
+    mechanism, model, change = solver.mechanism, solver.model, difference(solver.model, guess, q)
+    if solver.loop_rows.moving or not np.abs(change).max(initial=0.0) > KEPT:  # drives may go anywhere
+        return ""
+    slid = np.abs(change) * [unit == "m" for unit in velocity_units(model)]
+    bodies, anchors = _points(solver, guess)
+    size = _size([*bodies, *anchors.values()])
+    if not slid.max(initial=0.0) > FAR * size > 0.0:
+        return ""
+    joints = [joint for joint in mechanism.joints if slid[mechanism.columns(joint)].max() > slid.max() / 2]
+    at = ", ".join(f"{joint} = {_text(coordinates(model, joint, q))}" for joint in joints[:MOST_SHOWN])
+    return f"far away, with {at}, while all bodies and anchors are within {size:.2g} m at the guess"
+
+
+def _long_levers(solver, guess) -> str:
+    """Which anchors are far from the bodies that carry them, in words, or an empty string."""
+    bodies, anchors = _points(solver, guess)
+    size, origin = _size(bodies), np.mean(bodies, axis=0)
+    away = {end: float(np.linalg.norm(point - origin)) for end, point in anchors.items()}
+    far = {end: distance for end, distance in away.items() if distance > FAR * size > 0.0}
+    if not far:
+        return ""
+    (loop, end), distance = max(far.items(), key=lambda item: item[1])
+    more = f" (and {len(far) - 1} more)" * (len(far) > 1)
+    return (
+        f"anchor {end} of loop {loop!r} is {distance:.3g} m away{more}, while all bodies are within {size:.2g} m. "
+        f"Is its xyz{end} in millimetres? Lengths are in m"
+    )
+
+
+def _points(solver, q) -> tuple[list, dict]:
+    """The joints and centres of mass of the bodies, and (loop, 1 or 2) → each anchor on a body; in world axes, m."""
+    model, data = solver.model, solver.data
+    pin.forwardKinematics(model, data, q)
+    bodies = [data.oMi[i].translation.copy() for i in range(1, model.njoints)]
+    bodies += [data.oMi[i].act(model.inertias[i].lever) for i in range(1, model.njoints)]
+    anchors = {}
+    for loop in solver.mechanism.anchored_loops:
+        for end, frame, xyz in ((1, loop.frame1, loop.xyz1), (2, loop.frame2, loop.xyz2)):
+            carrier = model.frames[model.getFrameId(frame)]
+            if carrier.parentJoint:
+                place = data.oMi[carrier.parentJoint] * carrier.placement
+                anchors[loop.name, end] = place.act(np.array(xyz))
+    return bodies, anchors
+
+
+def _size(points) -> float:
+    """The diagonal of the box that holds all points, m."""
+    return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+
+def _closed_far_off(solver, guess, best) -> str:
+    """Where the loops close beyond the reach of the bounded search that ended at `best`, as :func:`_far_off`."""
+    q = best
+    for _ in range(FAR_STEPS):
+        phi, J = solver.rows(q)
+        if np.abs(phi).max() <= NEARLY:
+            return _far_off(solver, guess, q)
+        q = integrate(solver.model, q, np.linalg.lstsq(J, -phi, rcond=1e-15)[0])
+        if not np.isfinite(q).all():
+            break
+    return ""
+
+
 def _contradicting(mechanism, open_loops, t) -> str:
     """Which two drives move a joint differently, in words, or an empty string."""
     drives: dict[str, Drive] = {}
@@ -286,6 +357,10 @@ def _not_closed(solver, guess, best, open_loops, fixed):
             each, order = ("each ", ", worst first") if len(alone) > 1 else ("", "")
             what = f"loops cannot close{held}, {each}even with all others cut{order}: {listed}"
             what = f"{len(alone)} of {len(mechanism.loops)} {what}"
+    if not fixed and (far := _closed_far_off(solver, guess, best)):
+        what += f". It would close only {far}" if len(mechanism.loops) == 1 else f". They would close only {far}"
+    if long := _long_levers(solver, guess):
+        what += f". {long[0].upper()}{long[1:]}"
     if max(open_loops.values()) < ROUNDED_GAP and not fixed and (advice := hint(mechanism)):
         what += f". Most likely {advice}"
     let_go = ", release the fixed joints" if fixed else ""

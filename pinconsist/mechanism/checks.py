@@ -237,6 +237,28 @@ def checked_model(model: pin.Model) -> pin.Model:
     return model
 
 
+def workspace(model: pin.Model) -> pin.Data:
+    """Pinocchio's data of a model; InputError if they do not fit into the memory of the machine.
+
+    They hold eight arrays of nv³ numbers. A process that asks for too many is ended without a word.
+    """
+    needed = 64.0 * model.nv**3
+    if needed > (memory := _memory()):
+        raise InputError(
+            f"{model.name}: {model.nv} velocities are too many: Pinocchio's workspace for them takes "
+            f"{needed / 1e9:.0f} GB, and this machine has {memory / 1e9:.0f} GB"
+        )
+    return model.createData()
+
+
+def _memory() -> float:
+    """The memory of the machine, bytes; infinite where the system does not say."""
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (AttributeError, ValueError, OSError):
+        return inf
+
+
 def require_mechanism(mechanism, caller: str) -> None:
     """Raise InputError for anything but a Mechanism, recognised by an attribute: its module imports this one."""
     if not hasattr(type(mechanism), "anchored_loops"):

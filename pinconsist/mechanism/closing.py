@@ -4,6 +4,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from ..errors import InputError
+from .checks import workspace
 from .lie import difference, integrate
 from .rank import HELD, RANK_TOLERANCE, Ranking, free_motions, row_scales
 from .rows import LoopRows
@@ -30,7 +31,7 @@ class LoopSolver:
 
     def __init__(self, mechanism, t: float = 0.0):
         self.t = t
-        self.model, self.data = mechanism.model, mechanism.model.createData()
+        self.model, self.data = mechanism.model, workspace(mechanism.model)
         self.mechanism, self.loop_rows = mechanism, LoopRows.of(mechanism)
 
     def rows(self, q):

@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from ..errors import InputError
 from .breakpoints import NONE, Breakpoints
-from .checks import frame_of
+from .checks import frame_of, workspace
 from .custom import Constraint, ConstraintRows
 from .joint_constraints import Coupling, CouplingRow, Drive, DriveRow, Rows
 from .loops import Length, Loop, Place, Turn, blocks
@@ -39,7 +39,7 @@ class Workspace:
     def data(self) -> pin.Data:
         """The data; for large models its creation takes seconds."""
         if self._data is None:
-            self._data = self.model.createData()
+            self._data = workspace(self.model)
         return self._data
 
     def compiled(self) -> Any:

@@ -4,8 +4,6 @@ Several joints of one body become a chain of joints with massless bodies between
 MuJoCo's ``qpos``, which is ``ref`` in the configuration of the file. Source: MuJoCo's "XML Reference", and mjmodel.h.
 """
 
-import logging
-
 import numpy as np
 import pinocchio as pin
 from numpy.polynomial import Polynomial
@@ -35,7 +33,6 @@ _ZERO = (
     "tendon_stiffness tendon_damping tendon_frictionloss tendon_armature"
 ).split()
 """Quantities that act on the bodies in MuJoCo and are not supported here; older versions lack some of them."""
-_log = logging.getLogger(__name__)
 
 
 class Tree:
@@ -65,7 +62,7 @@ class Tree:
                 inertia = pin.Inertia(m.body_mass[body], np.zeros(3), np.diag(m.body_inertia[body]))
                 model.appendBodyToJoint(joint, pose(m.body_ipos[body], m.body_iquat[body]).act(inertia), place)
             if m.body_mocapid[body] >= 0:
-                _log.warning("%s: nothing moves a mocap body here; it stays fixed", _element(m, "body", body))
+                warn(f"{_element(m, 'body', body)}: nothing moves a mocap body here; it stays fixed")
         for site in np.flatnonzero(self.sites):
             joint, place, frame = stands[m.site_bodyid[site]]
             place = place * pose(m.site_pos[site], m.site_quat[site])
@@ -193,7 +190,7 @@ class Tree:
             name = m.eq(e).name or f"{kind}{e + 1}"
             if off or not m.eq_active0[e]:
                 reason = f"the option's flag {off[0]} is disabled" if off else "it is not active"
-                _log.warning("equality %r: left out, %s", name, reason)
+                warn(f"equality {name!r}: left out, {reason}")
                 continue
             with located(element=f"equality {name!r}"):
                 if kind not in _EQUALITIES:

@@ -28,8 +28,10 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 import pinocchio as pin
 
+from ...mechanism.checks import warn
 from ...mechanism.forces import JointSpring
 from ..ignored import COLLISIONS, LIMITS, Ignored
+from ..plausible import inertias_of, warn_of_inertias
 from ..reading import DRAKE, RobotFile, closing, finite, parsed, read_bytes, refuse, short_repr, text
 from ..urdf import INERTIA, SHAPES, add_visual, checked, fixed_links, symmetric
 from .document import INFINITE, Body, Document
@@ -55,9 +57,10 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=()) -> Robo
     document = Document(raw)
     joints = read_joints(document)
     robot = checked(in_urdf(document, [Path(folder).resolve() for folder in folders]), name)
+    warn_of_inertias(path, inertias_of(robot))
     graph = JointGraph(document, joints)
     if len(graph.roots) > 1:
-        _log.warning("%s: no joints connect %s to each other or to the world", path, ", ".join(map(repr, graph.roots)))
+        warn(f"{path}: no joints connect {', '.join(map(repr, graph.roots))} to each other or to the world")
     model, guess = build(document, graph, inertias(document), name, free_flyer)
     if weightless(document):
         model.gravity.linear = np.zeros(3)
@@ -134,7 +137,7 @@ def weightless(document: Document) -> bool:
         if body.node.flag("kinematic"):
             raise body.node.error("kinematic links, which a program moves, are not supported")
         if any(body.node.child("velocity_decay").value(tag) for tag in ("linear", "angular")):
-            _log.warning("%s: velocity_decay has no effect", body.node.name)
+            warn(f"{body.node.name}: velocity_decay has no effect")
         if not body.static:
             (pulled if body.node.flag("gravity", True) else free).append((name, body.node))
     if pulled and free:

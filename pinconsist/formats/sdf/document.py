@@ -4,7 +4,6 @@ A full name contains the names of the models, ``model::link``; the world is ``"w
 frame semantics" and "Model composition" of sdformat.org.
 """
 
-import logging
 import math
 import re
 from typing import NamedTuple
@@ -14,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import FormatError
+from ...mechanism.checks import warn
 from ...mechanism.loops import unit
 from ..reading import Node, floats, near, require_known, short_repr
 
@@ -28,7 +28,6 @@ _MODEL = ("link", "joint", "frame", "model", "include", "pose", "static", "self_
 _MODEL += ("plugin", "gripper", "enable_wind")
 _WORLD = ("model", "joint", "frame", "include", "gravity", "physics", "scene", "light", "plugin", "gui", "atmosphere")
 _WORLD += ("magnetic_field", "wind", "spherical_coordinates", "audio", "road", "actor", "state", "population")
-_log = logging.getLogger(__name__)
 
 
 class SdfNode(Node):
@@ -95,7 +94,7 @@ class SdfNode(Node):
         """Warn of unknown children, which are probably misspelt; they have no effect."""
         for tag in dict.fromkeys(child.tag for child in self.xml):
             if tag not in known and "}" not in tag:  # extensions are counted
-                _log.warning("%s: the element <%s> is not known and has no effect%s", self.name, tag, near(tag, known))
+                warn(f"{self.name}: the element <{tag}> is not known and has no effect{near(tag, known)}")
 
     def refuse_includes(self) -> None:
         if include := self.child("include"):
@@ -148,7 +147,7 @@ class Document:
             top = SdfNode(worlds[0], "world")
             top.warn_unknown(_WORLD)
             if top.child("state"):
-                _log.warning("world: <state> has no effect; the models are placed by their own poses")
+                warn("world: <state> has no effect; the models are placed by their own poses")
             holder = top if self.version > (1, 5) else top.child("physics")
             self.gravity = np.array(holder.values("gravity", GRAVITY))
         top.refuse_includes()

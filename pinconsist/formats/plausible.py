@@ -1,0 +1,120 @@
+"""Numbers of a file that are hardly meant: inertias that no body has, limits in the wrong order, other units.
+
+A file with such numbers is simulated as it is, since none of them is impossible to simulate. A warning names each of
+them.
+"""
+
+from collections.abc import Iterable, Iterator
+from math import sqrt
+from xml.etree.ElementTree import Element
+
+import numpy as np
+import pinocchio as pin
+
+from ..mechanism.checks import warn
+
+ROUNDED = 1e-2  # relative: numbers in files may have as few as two digits
+UNBODILY = 10.0  # lengths of the longest body that a body must reach from its centre of mass to have its inertia
+MACHINE = 10.0  # m: typical bodies that are larger are rare, …
+LIGHT = 0.3  # kg/m: … and still heavier than this. Lengths in mm make a body of 1 kg and 0.3 m one of 0.003 kg/m
+CONSISTENT = 1000.0  # m/s²: with such a gravity, all lengths are meant in mm
+MOST_SHOWN = 3
+
+_DIAGONAL = ("ixx", "iyy", "izz")
+
+
+def warn_of_inertias(path, bodies: Iterable[tuple[str, np.ndarray]]) -> None:
+    """Warn of inertias (3, 3), kg·m², about the centre of mass that no body has; `bodies` are (element, inertia).
+
+    The density of a body is not negative anywhere, therefore no principal moment exceeds the sum of the others.
+    """
+    found = [f"{element}: {reason}" for element, inertia in bodies if (reason := _not_of_a_body(inertia))]
+    _warn_of(path, found)
+
+
+def warn_of_limits(path, joints: Iterable[tuple[str, float, float]]) -> None:
+    """Warn of limits that exclude every position; `joints` are (element, lower, upper)."""
+    found = [
+        f"{element}: its lower limit {lower:g} is above its upper limit {upper:g}, so its limits are not watched. "
+        f'Exchange them (lower="{upper:g}" upper="{lower:g}"), or leave them out'
+        for element, lower, upper in joints
+        if lower > upper
+    ]
+    _warn_of(path, found)
+
+
+def warn_of_units(path, model: pin.Model) -> None:
+    """Warn of lengths in millimetres, and of inertias whose radius of gyration is far beyond the mechanism."""
+    sizes, masses = _sizes(model), np.array([inertia.mass for inertia in model.inertias])
+    sized = np.flatnonzero((sizes > 0.0) & (masses > 0.0))
+    if not sized.size:
+        return
+    typical, weight = float(np.median(sizes[sized])), float(masses[sized].sum() / sizes[sized].sum())
+    if typical > MACHINE and weight < LIGHT and np.linalg.norm(model.gravity.linear) < CONSISTENT:
+        warn(
+            f"{path}: a typical body is {typical:.3g} m long, with {weight:.2g} kg per metre: are the lengths in "
+            f"millimetres? They are read as metres; write {typical / 1000:.3g} for {typical:.3g}, and inertias in kg·m²"
+        )
+        return
+    found = []
+    for joint in range(1, model.njoints):
+        if not masses[joint] > 0.0:
+            continue
+        reach = sqrt(np.linalg.eigvalsh(model.inertias[joint].inertia)[2].clip(0.0) / masses[joint])
+        if reach > UNBODILY * sizes.max():
+            found.append(
+                f"the body at joint {model.names[joint]!r}: {masses[joint]:.3g} kg with this inertia reach at least "
+                f"{reach:.3g} m from their centre, but the longest body has {sizes.max():.2g} m: is its inertia in "
+                "kg·mm² (factor 1e-6) or g·mm² (1e-9)? It is read as kg·m²"
+            )
+    _warn_of(path, found)
+
+
+def inertias_of(robot: Element) -> Iterator[tuple[str, np.ndarray]]:
+    """(element, inertia) of the links of a checked ``<robot>``."""
+    for link in robot.findall("link"):
+        node = link.find("inertial/inertia")
+        if node is not None:
+            xx, xy, xz, yy, yz, zz = (float(node.get(key, "0")) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+            yield f"link {link.get('name')!r}: inertial", np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def limits_of(robot: Element) -> Iterator[tuple[str, float, float]]:
+    """(element, lower, upper) of the joints of a checked ``<robot>``."""
+    for joint in robot.findall("joint"):
+        limit = joint.find("limit")
+        if limit is not None:
+            yield f"joint {joint.get('name')!r}: limit", float(limit.get("lower")), float(limit.get("upper"))
+
+
+def _not_of_a_body(inertia) -> str:
+    moments = np.linalg.eigvalsh(inertia)
+    if moments[2] <= (1.0 + ROUNDED) * (moments[0] + moments[1]):
+        return ""
+    diagonal = not np.any(inertia - np.diag(np.diagonal(inertia)))
+    if diagonal:
+        largest = int(np.argmax(np.diagonal(inertia)))
+        a, b = (i for i in range(3) if i != largest)
+        which, others = _DIAGONAL[largest], f"{_DIAGONAL[a]} + {_DIAGONAL[b]}"
+    else:
+        which, others = "its largest principal moment", "the sum of the others"
+    least = f"{which} = {moments[2]:.4g} kg·m² is above {others} = {moments[0] + moments[1]:.4g}"
+    return f"no body has this inertia: {least}. Check its axes and units"
+
+
+def _sizes(model) -> np.ndarray:
+    """The largest distance of a centre of mass, a joint or a frame on each body from its joint, m; 0 for the ground."""
+    sizes = np.array([float(np.linalg.norm(inertia.lever)) for inertia in model.inertias])
+    for joint in range(1, model.njoints):
+        parent = model.parents[joint]
+        sizes[parent] = max(sizes[parent], float(np.linalg.norm(model.jointPlacements[joint].translation)))
+    for frame in model.frames:
+        sizes[frame.parentJoint] = max(sizes[frame.parentJoint], float(np.linalg.norm(frame.placement.translation)))
+    sizes[0] = 0.0
+    return sizes
+
+
+def _warn_of(path, found) -> None:
+    if found:
+        more = f" (and {len(found) - MOST_SHOWN} more)" * (len(found) > MOST_SHOWN)
+        warn(f"{path}: {'; '.join(found[:MOST_SHOWN])}{more}")
