@@ -126,7 +126,7 @@ def finer_run(solution, mechanism=None, patience=np.inf) -> FinerRun:
         raise NotEstimatedError("numbers of the rows are not finite")
     ours = solution.t_events if solution._events else [times for times in solution.t_events if len(times)]
     if len(ours) > len(solution._events):
-        raise NotEstimatedError("the events of the run are not in files and copies")
+        raise NotEstimatedError("the functions of its events are not in files and copies")
     if mechanism := mechanism or getattr(solution.system, "mechanism", None):
         system = MechanismSystem(mechanism, solution.q[0], solution.t[0])
         brief = brief_times(system, solution.t, solution.q, solution.v, LOOKS)

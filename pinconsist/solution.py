@@ -409,9 +409,10 @@ class Solution(ByName):
     def save(self, file) -> Path:
         """The path of the npz `file` written, whole or not at all; ``.npz`` is added if missing.
 
-        An existing file is replaced. The file has no pickles, and no ``system``, ``sol`` and events. It has the verdict
-        of :meth:`check` if that was made. It names the versions that made it; a run of :func:`pinconsist.record` can be
-        repeated and continued from it. Raises OSError if it cannot be written; an existing file is then unchanged.
+        An existing file is replaced. The file has no pickles, ``system`` or ``sol``. It has the times and states of
+        events, and the verdict of :meth:`check` if that was made. It names the versions that made it; a run of
+        :func:`pinconsist.record` can be repeated and continued from it. Raises OSError if it cannot be written; an
+        existing file is then unchanged.
         """
         return write(self, file)
 
@@ -419,7 +420,7 @@ class Solution(ByName):
     def load(cls, file) -> Solution:
         """The solution that :meth:`save` wrote to this `file`, named with its ``.npz``.
 
-        It has no ``system``, ``sol`` and events: :meth:`energy` and :meth:`reaction` need the mechanism, and so does
+        It has no ``system`` and ``sol``: :meth:`energy` and :meth:`reaction` need the mechanism, and so does
         :meth:`check` if the verdict was not made before the run was saved.
         Raises FormatError, which names the file, if it is missing, truncated, damaged, foreign or of another format.
         """

@@ -13,15 +13,17 @@ from .certificate import Certificate, from_plain, plain
 from .errors import FormatError
 from .files import suffixed, written_whole
 
-FORMAT = 3
-READ = 2, FORMAT
-"""Formats that are read; in format 2 there is no certificate."""
+FORMAT = 4
+READ = 2, 3, FORMAT
+"""Formats that are read; in format 2 there is no certificate, before format 4 there are no events."""
 ARRAYS = {"t": 1, "q": 2, "v": 2, "lam": 2, "h": 1, "order": 1}
 """Name → number of dimensions."""
 TYPES = {"order": np.int64}
 """Types of arrays that are not of double precision."""
 HELD = "held "
 """Before the label of a force, the name of the table that it has held."""
+EVENTS = ("t_events", "q_events", "v_events")
+"""Before the number of an event, from 0 on, the name of the times or states at which it occurred."""
 _ABOUT = {
     "status": int, "message": str, "nsteps": int, "nfev": int, "njev": int, "nlu": int, "rejected": dict,
     "success": bool, "method": dict, "scene": str, "recipe": dict | None, "versions": dict,
@@ -37,7 +39,8 @@ def write(solution, file) -> Path:
     with written_whole(path) as stream:
         arrays = {name: getattr(solution, name) for name in ARRAYS}
         held = {f"{HELD}{label}": table for label, table in solution.held.items()}
-        np.savez(stream, about=np.array(json.dumps(about)), **arrays, **held)
+        occurred = {f"{name} {k}": each for name in EVENTS for k, each in enumerate(getattr(solution, name))}
+        np.savez(stream, about=np.array(json.dumps(about)), **arrays, **held, **occurred)
     return path
 
 
@@ -57,8 +60,10 @@ def read(file) -> tuple[dict, Certificate | None]:
             arrays = {name: _numbers(name, stored[name]) for name in ARRAYS}
             names = [name for name in stored.files if name.startswith(HELD)]
             held = {name[len(HELD) :]: _numbers(name, stored[name]) for name in names}
+            count = sum(name.startswith(f"{EVENTS[0]} ") for name in stored.files)
+            events = {name: [_numbers(name, stored[f"{name} {k}"]) for k in range(count)] for name in EVENTS}
         certificate = from_plain(about.pop("certificate", None))
-        _check(arrays, about, held)
+        _check(arrays, about, held, events)
     except FormatError:
         raise
     except FileNotFoundError:
@@ -68,9 +73,9 @@ def read(file) -> tuple[dict, Certificate | None]:
     except Exception as error:  # zipfile, numpy and json raise many kinds for a damaged file
         reason = str(error) or type(error).__name__
         raise FormatError(f"damaged, or not a solution written by pinconsist ({reason})", path=file) from None
-    for array in (*arrays.values(), *held.values()):
+    for array in (*arrays.values(), *held.values(), *(each for several in events.values() for each in several)):
         array.setflags(write=False)
-    return arrays | about | {"held": held}, certificate
+    return arrays | about | events | {"held": held}, certificate
 
 
 def versions() -> dict[str, str]:
@@ -95,7 +100,7 @@ def _numbers(name, array):
     return found.reshape(array.shape)
 
 
-def _check(arrays, about, held):
+def _check(arrays, about, held, events):
     """Raise ValueError unless shapes and types are those of a solution."""
     if set(about) != set(_ABOUT):
         raise ValueError(f"missing or unknown entries: {', '.join(sorted(set(about) ^ set(_ABOUT)))}")
@@ -115,6 +120,12 @@ def _check(arrays, about, held):
     for name, table in held.items():
         if table.shape[1:] not in widths:
             raise ValueError(f"array {HELD + name!r} has shape {table.shape}")
+    for k, occurred in enumerate(zip(*events.values(), strict=True)):
+        count = len(occurred[0])
+        shapes = (count,), *((count, *arrays[name].shape[1:]) for name in "qv")
+        for name, array, shape in zip(EVENTS, occurred, shapes, strict=True):
+            if array.shape != shape and (count or array.size):
+                raise ValueError(f"array {f'{name} {k}'!r} has shape {array.shape}")
 
 
 def summary_of(solution) -> str:

@@ -109,7 +109,52 @@ def test_files_of_other_number_types_are_converted(tmp_path, run, kind, digits):
     assert back.check(pc.load("four_bar"), error=False).position < max(1e-8, 10 * digits)
 
 
-def test_files_of_the_format_before_are_read(tmp_path, run):
+def bouncing(**options):
+    """A mass that falls on a floor and bounces, and an event that does not occur."""
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "z")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    events = [pc.Impact("z", lower=0.0, restitution=0.8), pc.Event(lambda t, q, v, lam: q[0] - 5.0)]
+    return pc.simulate(pc.Mechanism(model), (0.0, 2.0), {"z": 1.0}, events=events, **options)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "Radau", "t_eval": np.linspace(0.0, 2.0, 7)}])
+def test_events_are_in_the_file(tmp_path, options):
+    """Their times and states; the error cannot be judged from a file, as their functions are not in it."""
+    sol = bouncing(**options)
+    back = Solution.load(sol.save(tmp_path / "bounces"))
+    falls = np.sqrt(2.0 / 9.81) * np.array([1.0, 2.6, 3.88])
+    np.testing.assert_allclose(back.t_events[0], falls[falls < 2.0], rtol=1e-6)
+    for name in ("t_events", "q_events", "v_events"):
+        assert [each.tobytes() for each in getattr(back, name)] == [each.tobytes() for each in getattr(sol, name)]
+        assert not any(each.flags.writeable for each in getattr(back, name))
+    assert len(back.t_events) == 2 and back.t_events[1].size == 0
+    assert "error" in back.check(sol.mechanism).not_judged
+    assert Solution.load(back.save(tmp_path / "again")).v_events[0].tobytes() == sol.v_events[0].tobytes()
+
+
+@pytest.mark.parametrize(
+    ("name", "array", "words"),
+    [
+        ("t_events 0", np.zeros((3, 1)), "array 't_events 0' has shape"),
+        ("q_events 0", np.zeros((2, 1)), "array 'q_events 0' has shape"),
+        ("v_events 0", np.zeros((3, 2)), "array 'v_events 0' has shape"),
+        ("t_events 2", np.zeros(3), "q_events 2"),
+        ("t_events 0", np.array(["a"] * 3), "not numbers"),
+    ],
+)
+def test_events_of_wrong_shapes_are_refused(tmp_path, name, array, words):
+    path = bouncing().save(tmp_path / "bounces.npz")
+    with np.load(path) as stored:
+        parts = dict(stored) | {name: array}
+    np.savez(path, **parts)
+    with pytest.raises(pc.FormatError, match=words):
+        Solution.load(path)
+
+
+def test_files_of_the_formats_before_are_read(tmp_path, run):
+    rewritten(tmp_path / "run.npz", run, format=3)
+    assert Solution.load(tmp_path / "run.npz").t_events == []
     rewritten(tmp_path / "run.npz", run, format=2, certificate=LEFT_OUT)
     back = Solution.load(tmp_path / "run.npz")
     assert back.certificate is None and back.check(pc.load("four_bar")) == run.check()
@@ -167,7 +212,7 @@ BAD_FILES = {
     "one array": (write_array, "not a solution"),
     "pickle": (write_pickled, "not a solution"),
     "zip": (lambda path, run: zipfile.ZipFile(path, "w").close(), "not a solution"),
-    "newer": (lambda path, run: rewritten(path, run, format=99), "by pinconsist .* in format 99.* reads format 3"),
+    "newer": (lambda path, run: rewritten(path, run, format=99), "by pinconsist .* in format 99.* reads format 4"),
     "older": (lambda path, run: rewritten(path, run, format=1, versions=LEFT_OUT), "another version .* in format 1;"),
     "no format": (lambda path, run: rewritten(path, run, format=LEFT_OUT), "in format None"),
     "no message": (lambda path, run: rewritten(path, run, message=LEFT_OUT), "missing or unknown entries: message"),
