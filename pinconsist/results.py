@@ -138,6 +138,7 @@ class ByName:
     reaction: Callable[..., Any]
     _mechanism: Callable[..., Mechanism]
     _workspace: Callable[..., Workspace]
+    _require_forces: Callable[..., None]
     _states: Callable[..., States]
 
     def position(self, joint: str, mechanism=None) -> np.ndarray:
@@ -163,9 +164,10 @@ class ByName:
     def acceleration(self, joint: str | None = None, mechanism=None) -> np.ndarray:
         """The acceleration of a joint, rad/s² or m/s², shape (n,); (n, k) for a joint of several; (n, nv) for all.
 
-        It follows from the equations of motion at each row; `joint` and `mechanism` are as in :meth:`position`. Raises
-        SingularSystemError if it is not determined.
+        It follows from the equations of motion at each row; `joint` is as in :meth:`position`, `mechanism` as in
+        :meth:`check`. Raises SingularSystemError if it is not determined, InputError as there.
         """
+        self._require_forces(mechanism)
         mechanism = self._mechanism(mechanism, "acceleration")
         found = accelerations(mechanism, sided(self.t), self.q, self.v)
         return found if joint is None else _of(mechanism, joint, found)

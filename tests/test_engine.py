@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 
 import pinconsist as pc
 from pinconsist import _core
-from pinconsist._core import steppers
+from pinconsist._core import steppers, tree
 from pinconsist.dae.tuning import Switches
 
 OFF = dict.fromkeys((switch.name for switch in dataclasses.fields(Switches)), False)
@@ -345,3 +345,17 @@ def test_a_stiff_damper_between_two_hinged_bodies_starts():
         errors.append(np.abs(sol.v[-1, [5, 11]] - exact).max() / np.abs(exact).max())
     slopes = np.diff(np.log10(errors)) / -2.0  # local errors add up: tol^(5/6)
     assert errors[-1] < 1e-4 and (slopes > 0.6).all(), errors
+
+
+def test_the_workspace_of_data_is_found_again_though_they_hold_a_nan():
+    """Pinocchio compares data by their numbers; what is built for each is built once, and goes with them."""
+    model = pc.load("four_bar").model
+    data, before = model.createData(), len(tree._workspaces)
+    data.oMi[1].translation[:] = np.nan
+    assert data != data
+    first = tree.workspace(_core.required(), model, data)
+    assert tree.workspace(_core.required(), model, data) is first and len(tree._workspaces) == before + 1
+    assert tree.workspace(_core.required(), model, model.createData()) is not first
+    del data
+    gc.collect()
+    assert len(tree._workspaces) == before

@@ -108,8 +108,11 @@ def test_dragging_the_time_shows_it_and_goes_on_playing(run, tab, handle):
     assert tab.run("cursor.getBoundingClientRect().left") == pytest.approx(
         tab.run("(box => box.left + box.width * now / duration)(plot.getBoundingClientRect())"), abs=1
     )
-    kind, name, told, unit = tab.run("element('curves').innerText").split()
+    kind, name, told, unit, *peak = tab.run("element('curves').innerText").split()
     assert (kind, name, unit) == ("pin", "coupler_rocker:", "N")
+    largest = run[1].reaction("coupler_rocker").peak()
+    assert peak[::3] == ["peak", "at"] and float(peak[1]) == pytest.approx(largest.value, rel=6e-3)
+    assert float(peak[4]) == pytest.approx(largest.t, abs=2e-3)
     assert float(told) == pytest.approx(force_at(run[1], time), rel=6e-3)
     tab.run("running = true")
     tab.drag((left + 0.75 * width, y), (left + 0.2 * width, y))
@@ -167,7 +170,7 @@ def test_switches_show_and_hide(tab):
     assert tab.run(names) == []
     tab.click("#names")
     drawn(tab)
-    assert sorted(tab.run(names)) == ["coupler", "coupler_rocker", "crank", "rocker"]
+    assert sorted(tab.run(names)) == ["coupler_bar", "coupler_rocker", "crank_bar", "rocker_bar"]
 
 
 def test_what_is_under_the_pointer_tells_its_name_and_force(run, tab):
@@ -177,8 +180,8 @@ def test_what_is_under_the_pointer_tells_its_name_and_force(run, tab):
     body = "parts.body.find(part => part.userData.name == '{}' && part.geometry.type == 'BoxGeometry')"
     for thing, name, of_loop in (
         ("parts.loop[0]", "coupler_rocker", True),
-        (body.format("rocker"), "rocker", True),
-        (body.format("crank"), "crank", False),
+        (body.format("rocker_bar"), "rocker_bar", True),
+        (body.format("crank_bar"), "crank_bar", False),
     ):
         tab.mouse("mouseMoved", *tab.run(f"{PLACE}({thing})"))
         drawn(tab)
@@ -358,6 +361,20 @@ def test_arrows_of_joint_forces_have_a_switch(run, tab):
     assert not any(tab.run(seen))
 
 
+BOXES = """[...document.querySelectorAll('.label.name')].filter(each => !each.hidden).map(each => {
+    const [box, frame] = [each, pane].map(part => part.getBoundingClientRect());
+    return [box.left - frame.left, box.top - frame.top, frame.right - box.right, frame.bottom - box.bottom,
+            box.left, box.right, box.top, box.bottom]; })"""
+
+
+def covered(boxes):
+    """For each label whether a later one covers it."""
+    for k, (left, right, top, bottom) in enumerate(boxes[:, 4:] + (1, -1, 1, -1)):
+        others = boxes[k + 1 :, 4:]
+        across = (others[:, 0] < right) & (left < others[:, 1])
+        yield (across & (others[:, 2] < bottom) & (top < others[:, 3])).any()
+
+
 @pytest.mark.parametrize("size", [(1280, 900), (390, 844)])
 def test_names_are_within_the_picture_and_cover_none(tmp_path, size):
     """Of four joints at one place at its lower edge."""
@@ -368,22 +385,40 @@ def test_names_are_within_the_picture_and_cover_none(tmp_path, size):
         joint = model.addJoint(joint, kind(), pin.SE3(np.eye(3), np.array([0.0, 0.0, -float(k == 1)])), f"joint_{k}")
         model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
     sol = pc.simulate(pc.Mechanism(model), (0.0, 0.1))
-    boxes = """[...document.querySelectorAll('.label.name')].filter(each => !each.hidden).map(each => {
-        const [box, frame] = [each, pane].map(part => part.getBoundingClientRect());
-        return [box.left - frame.left, box.top - frame.top, frame.right - box.right, frame.bottom - box.bottom,
-                box.left, box.right, box.top, box.bottom]; })"""
     with opened(sol.export_html(tmp_path / "page.html", forces=True), size, mobile=size[0] < 500) as tab:
         assert all(tab.run("parts['joint force'].map(each => each.visible)"))
         tab.run("running = false; seek(0.05); switches.names.click(); 0")
         drawn(tab)
-        found = np.array(tab.run(boxes))
+        found = np.array(tab.run(BOXES))
     assert len(found) == 5 and found[:, :4].min() > -1.0
-    for k, (left, right, top, bottom) in enumerate(found[:, 4:]):
-        others = found[k + 1 :, 4:]
-        covered = (
-            (others[:, 0] < right - 1)
-            & (left < others[:, 1] - 1)
-            & (others[:, 2] < bottom - 1)
-            & (top < others[:, 3] - 1)
-        )
-        assert not covered.any()
+    assert not any(covered(found))
+
+
+def test_of_many_names_on_a_phone_none_covers_another(tmp_path):
+    """Of forty bodies at one place; those that have no room nearby are left out."""
+    model, joint = pin.Model(), 0
+    for k in range(40):
+        joint = model.addJoint(joint, [pin.JointModelRY, pin.JointModelRX][k % 2](), pin.SE3.Identity(), f"joint_{k}")
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.array([0.3, 0.0, 0.0]), np.eye(3)), pin.SE3.Identity())
+    sol = pc.simulate(pc.Mechanism(model), (0.0, 0.01))
+    with opened(sol.export_html(tmp_path / "page.html"), (390, 844), mobile=True) as tab:
+        tab.run("running = false; seek(0); switches.names.click(); 0")
+        drawn(tab)
+        found = np.array(tab.run(BOXES))
+    assert 5 <= len(found) < 40 and not any(covered(found))
+
+
+def test_a_loop_and_a_body_of_one_name_are_both_named_and_links_without_mass_are_not(tmp_path):
+    file = tmp_path / "leg.urdf"
+    inertia = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    file.write_text(f"""<robot name="leg"><link name="base"/><link name="cross"/><link name="foot">{inertia}</link>
+        <joint name="pitch" type="continuous"><parent link="base"/><child link="cross"/><axis xyz="0 1 0"/></joint>
+        <joint name="roll" type="continuous"><parent link="cross"/><child link="foot"/><axis xyz="1 0 0"/></joint>
+        </robot>""")
+    tip = {"xyz1": (0.0, 0.0, -1.0), "xyz2": (0.0, 0.0, -1.0)}
+    mech = pc.load(file).add_loops(
+        pc.Loop("foot", "distance", "foot", "universe", **tip | {"xyz2": (1.0, 0.0, -1.0)}, length=1.0)
+    )
+    with opened(pc.simulate(mech, (0.0, 0.1)).export_html(tmp_path / "page.html")) as tab:
+        assert tab.run("labels.map(each => each.word.innerText)") == ["foot", "foot"]
+        assert sorted(tab.run("[...new Set(parts.body.map(each => each.userData.name))]")) == ["cross", "foot"]

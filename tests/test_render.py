@@ -52,20 +52,22 @@ def test_a_drawing_shows_the_mechanism_at_the_chosen_times(sol, mech, tmp_path):
     times = [0.0, 0.1, 0.123]
     shown, below = groups(sol.render(tmp_path / "run.svg", at=times, forces=True))
     assert [group.get("id") for group in shown] == [f"t={t:g}" for t in times]
-    assert len(below) == 1 and re.fullmatch(r"\S+ N\s+force on the rocker", below[0])
+    assert len(below) == 1 and re.fullmatch(r"\S+ N\s+force on the rocker_bar", below[0])
     at = pc.simulate(mech, (0.0, 0.4), v0={"crank": 12.0}, t_eval=times)
     pins = {name: at.frame(name).position[:, [0, 2]] for name in mech.joints}
     for k, group in enumerate(shown):  # one scale, and up is up
-        crank = ball(group, "coupler") - ball(group, "crank")
+        crank = ball(group, "coupler_bar") - ball(group, "crank_bar")
         scale = np.linalg.norm(crank) / 0.25
         for name in ("coupler", "rocker"):
             away = pins[name][k] - pins["crank"][k]
-            np.testing.assert_allclose(ball(group, name) - ball(group, "crank"), scale * away * (1, -1), atol=0.3)
+            np.testing.assert_allclose(
+                ball(group, f"{name}_bar") - ball(group, "crank_bar"), scale * away * (1, -1), atol=0.3
+            )
 
 
 def test_positions_stand_apart(sol, tmp_path):
     shown, _ = groups(sol.render(tmp_path / "run.svg", at=[0.0, 0.1, 0.2, 0.3, 0.4]))
-    corners = [ball(group, "crank") for group in shown]
+    corners = [ball(group, "crank_bar") for group in shown]
     assert np.diff([x for x, _ in corners[:4]]) == pytest.approx(400.0, abs=0.1)
     assert corners[4][0] == pytest.approx(corners[0][0], abs=0.1) and corners[4][1] > corners[0][1] + 100
 
@@ -80,7 +82,7 @@ def test_a_saved_run_and_one_backwards_are_drawn(sol, mech, tmp_path):
     back = pc.simulate(mech, (0.4, 0.0), q0=sol.q[-1], v0=sol.v[-1])
     kept = pc.Solution.load(sol.save(tmp_path / "run.npz"))
     ways = [groups(each.render(tmp_path / f"{k}.svg", mech, at=[0.2]))[0][0] for k, each in enumerate((kept, back))]
-    one, other = (ball(group, "rocker") - ball(group, "crank") for group in ways)
+    one, other = (ball(group, "rocker_bar") - ball(group, "crank_bar") for group in ways)
     np.testing.assert_allclose(one, other, atol=0.5)
     with pytest.raises(pc.InputError, match="needs its mechanism"):
         kept.render(tmp_path / "no.svg")

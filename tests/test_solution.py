@@ -71,12 +71,23 @@ def test_the_verdict_is_made_once_and_kept_in_the_file(tmp_path):
     assert changed.certificate is None and changed.check().verdict != sol.check().verdict
 
 
-def test_a_page_is_not_green_about_what_was_not_judged():
+def test_a_page_is_not_green_about_what_was_not_judged(monkeypatch):
     mech = pc.load("four_bar")
     sol = pc.simulate(mech, (0.0, 0.2))
-    assert sol.check(error=False).ok and sol.certificate.not_judged == ["error"]
+    with monkeypatch.context() as impatient:
+        impatient.setattr("pinconsist.solution.PATIENCE", 0.0)
+        assert sol.check().ok and sol.certificate.not_judged == ["error"]
     assert verdicts(runs_of(mech, sol)) == [{"text": sol.certificate.verdict, "ok": False}]
-    assert sol.check().not_judged == [] and verdicts(runs_of(mech, sol))[0]["ok"]
+    assert sol.check(error=True).not_judged == [] and verdicts(runs_of(mech, sol))[0]["ok"]
+
+
+def test_a_page_has_the_verdict_of_check_whatever_was_asked_before():
+    mech = pc.load("five_bar")
+    sol = pc.simulate(mech, (0.0, 3.0))
+    assert sol.check(error=False).ok  # by its residuals
+    (told,) = verdicts(runs_of(mech, sol))
+    assert not told["ok"] and told["text"] == str(sol.check()).splitlines()[0]
+    assert "error" in told["text"].partition("look at")[2]
 
 
 @pytest.mark.parametrize("name", ["q", "v", "lam"])

@@ -75,7 +75,7 @@ def test_a_drive_of_a_slider_pushes():
     sol = pc.simulate(mech, (0.0, 0.5), q0={"piston": 1.0}, step=0.02)
     _, push = arrow(page := shown(mech, sol, forces=True), "/forces/press piston")
     factor, force = stated(page), sol.reaction("press").torque
-    assert page["legend"][1]["text"] == "force on the piston; drive force on the piston"
+    assert page["legend"][1]["text"] == "force on the piston_block; drive force in joint piston"
     np.testing.assert_allclose(
         push[:-1] * factor, force[:-1, None] * [[1, 0, 0]], rtol=5e-3, atol=1e-2 * abs(force).max()
     )

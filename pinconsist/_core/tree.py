@@ -1,6 +1,6 @@
 """The tree of a Pinocchio model in numbers, from which the compiled part builds its own."""
 
-from weakref import WeakKeyDictionary
+from weakref import ref
 
 import numpy as np
 
@@ -20,21 +20,23 @@ UNALIGNED = {
     "JointModelHelicalUnaligned": "helical",
 }
 
-_trees: WeakKeyDictionary = WeakKeyDictionary()
-_workspaces: WeakKeyDictionary = WeakKeyDictionary()
+_trees: dict = {}  # by identity: Pinocchio compares all numbers, and data with a NaN are not equal to themselves
+_workspaces: dict = {}
 
 
 def workspace(module, model, data=None):
     """The compiled workspace that belongs to Pinocchio's `data`, a new one without; trees are built once per model."""
-    if data is not None and (found := _workspaces.get(data)) is not None:
-        return found
-    tree = _trees.get(model)
-    if tree is None:
-        tree = _trees[model] = _built(module, model)
-    found = module.Workspace(tree)
-    if data is not None:
-        _workspaces[data] = found
-    return found
+    if data is None:
+        return module.Workspace(_kept(_trees, model, lambda: _built(module, model)))
+    return _kept(_workspaces, data, lambda: workspace(module, model))
+
+
+def _kept(kept: dict, key, build):
+    """What was built for this very object, as long as it exists."""
+    number = id(key)
+    if number not in kept:
+        kept[number] = build(), ref(key, lambda _: kept.pop(number))
+    return kept[number][0]
 
 
 def _built(module, model):

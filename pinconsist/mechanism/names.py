@@ -23,6 +23,15 @@ def velocity_names(model) -> list[str]:
     return _names(model, model.nvs)
 
 
+def body_names(model) -> list[str]:
+    """A name for each joint's body, the ground first: that of its first link in the file, else that of the joint."""
+    links: dict[int, str] = {}
+    for frame in model.frames:
+        if frame.type == pin.FrameType.BODY:
+            links.setdefault(frame.parentJoint, frame.name)
+    return ["ground", *(links.get(joint, model.names[joint]) for joint in range(1, model.njoints))]
+
+
 def _names(model, sizes):
     pairs = zip(list(model.names)[1:], list(sizes)[1:], strict=True)
     return [f"{joint}[{k}]" if size > 1 else joint for joint, size in pairs for k in range(size)]

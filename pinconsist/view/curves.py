@@ -11,11 +11,11 @@ from ..mechanism.joint_constraints import Drive
 from ..mechanism.loops import Loop
 from ..mechanism.names import position_names, position_units
 from ..mechanism.rows import LoopRows
-from ..mechanism.wrenches import Transmission
-from .arrows import FORCE, TRUE, UNITS, actions, true_actions
+from .arrows import FORCE, TRUE, UNITS, actions, joint_wrenches, of_joint, true_actions
 from .filled import ROWS, filled
-from .motion import Run, accelerations_of, body_poses
+from .motion import Run, body_poses
 
+SHARED = " *"  # behind the name of a force that is not unique
 SMALL = 1e-5  # of the largest force of a joint: smaller ones are rounding
 
 
@@ -25,10 +25,10 @@ def packed(values) -> str:
 
 
 def panel(runs: list[Run], size: float, without, planar: bool) -> dict:
-    """Seconds since the start for each run, and groups of curves over them; those of the loops `without` are left out.
+    """Seconds since the start for each run, and groups of curves over them; those of the forces `without` are left out.
 
     ``whole`` says whether these are all rows. A curve of a loop or a motor names it and the bodies between which it
-    acts, by which the page finds its force; true values have a colour.
+    acts, by which the page finds its force; true values have a colour. ``shared`` are forces that are not unique.
     """
     groups: dict[str, dict] = {}
     times = []
@@ -36,9 +36,12 @@ def panel(runs: list[Run], size: float, without, planar: bool) -> dict:
         run = replace(run, true=None) if number else run  # the true run is the same for all
         fine = _fine(run)
         times.append(packed(fine.elapsed))
+        shared = _not_unique(run)
         for group, unit, name, values, about in _curves(fine, run, size, without, planar):
             label = f"{run.title}: {name}" if run.title and "color" not in about else name
             curve = {"name": label, "run": number, "y": packed(values), **about}
+            if about.get("of") in shared:
+                curve |= {"name": label + SHARED, "shared": True}
             groups.setdefault(group, {"name": group, "unit": unit, "curves": []})["curves"].append(curve)
     whole = all(len(run.t) <= ROWS and not run.continuous for run in runs)
     return {"times": times, "whole": whole, "groups": list(groups.values())}
@@ -88,7 +91,7 @@ def _curves(some: Run, run: Run, size: float, without, planar: bool):
         if len(run.t) > 1 and values.shape == (len(run.t) - 1,):
             reached = values[(np.searchsorted(run.elapsed, some.elapsed) - 1).clip(0)]
             yield {"h": "step", "order": "order"}[name], unit, name, np.where(reached > 0, reached, np.nan), {}
-    yield from _of_joints(some, size)
+    yield from _of_joints(some, size, without)
 
 
 def _of_elements(some: Run):
@@ -107,20 +110,18 @@ def _of_elements(some: Run):
             yield group, unit, f"{loop.kind} {name}", some.lam[:, row], {"of": loop.name}
 
 
-def _of_joints(some: Run, size: float):
+def _of_joints(some: Run, size: float, without):
     """Curves of what the joints of the tree transmit, (group, unit, name, values, subject), if they are known.
 
     Moments that are rounding, or the error of the forces of the loops, for a picture of this `size` are left out.
     """
-    if (acceleration := accelerations_of(some)) is None:
-        return
-    found = Transmission(some.mech, some.t, some.q, some.v, acceleration, some.lam, some.workspace()).wrenches()
+    found = joint_wrenches(some, without)
     sizes = {joint: np.linalg.norm(wrench.reshape(-1, 2, 3), axis=2) for joint, wrench in found.items()}
     least = SMALL * max((each[:, 0].max() for each in sizes.values()), default=0.0)
     for group, unit, part, of_part in ("joint forces", "N", 0, 1.0), ("joint moments", "N·m", 1, size):
         for joint, each in sizes.items():
             if each[:, part].max() > least * of_part:
-                yield group, unit, joint, each[:, part], {"of": f"joint {joint}"}
+                yield group, unit, joint, each[:, part], {"of": of_joint(joint)}
 
 
 def _word(kind: str, planar: bool) -> str:
@@ -141,22 +142,38 @@ def _energies(run: Run) -> dict[str, np.ndarray]:
 
 
 def verdicts(runs: list[Run]) -> list[dict]:
-    """The verdict on each run: that which its solution keeps, or the one that is made now, or why there is none."""
+    """The verdict on each run, that of :meth:`Solution.check`, or why there is none."""
     out = []
     for run in runs:
         if not hasattr(run.source, "check"):
             continue
         try:
-            certificate = _verdict(run)
-            text, ok = certificate.verdict, certificate.ok and not certificate.not_judged
+            certificate = _certificate(run)
         except InputError as error:
-            text, ok = f"not judged: {error}", False
+            text = f"not judged: {error}"
+            ok = False
+        else:
+            text = certificate.verdict
+            ok = certificate.ok and not certificate.not_judged
         out.append({"text": f"{run.title}: {text}" if run.title else text, "ok": ok})
     return out
 
 
-def _verdict(run: Run):
+def _certificate(run: Run):
+    """The certificate of a run; of one from a file that has none, with its mechanism. InputError if there is none."""
     try:
-        return run.source.certificate or run.source.check()
-    except InputError:  # from a file that was saved without a verdict
-        return run.source.check(run.mech)
+        return run.source.check()
+    except InputError:
+        try:
+            return run.source.check(run.mech)
+        except InputError:
+            if run.source.certificate is None:
+                raise
+            return run.source.certificate
+
+
+def _not_unique(run: Run) -> set[str]:
+    """The loops, and joints by `of_joint`, whose forces are not unique, if the run has its verdict."""
+    certificate = getattr(run.source, "certificate", None)
+    names = certificate.not_unique if certificate else ()
+    return {*names, *map(of_joint, names)}

@@ -46,6 +46,7 @@ class Run:
     def of(cls, mech: Mechanism, sol, title: str = "", *, forces: bool = False) -> Run:
         """The run of a solution; InputError for one that does not fit its mechanism."""
         require_mechanism(mech, "a replay")
+        mech = _as_simulated(mech, sol)
         if forces or getattr(sol, "held", None):
             mech = replayed(mech, sol)
         needs, widths = f"a replay of {mech.name!r} needs", {"q": mech.nq}
@@ -139,6 +140,14 @@ def accelerations_of(run: Run) -> np.ndarray | None:
 def motors(mech: Mechanism) -> list:
     """The servos, actuators and joint torques of a mechanism, whose torques depend on the velocity."""
     return [force for force in mech.forces if isinstance(force, JointTorque | Servo | Actuator | Held)]
+
+
+def _as_simulated(mech: Mechanism, sol) -> Mechanism:
+    """The mechanism with the forces of the run, those given to :func:`pinconsist.simulate` included."""
+    own = getattr(sol, "mechanism", None)
+    if own is None or (own.nq, own.nv, own.nc) != (mech.nq, mech.nv, mech.nc):
+        return mech
+    return mech if own.forces is mech.forces else replace(mech, forces=own.forces)
 
 
 def runs_of(mech, sol, *, forces: bool = False) -> list[Run]:

@@ -33,11 +33,14 @@ function choose(chosen, tab) {
   for (const each of element("groups").children) each.setAttribute("aria-selected", each == tab);
   element("curves").replaceChildren();
   for (const curve of group.curves) {
-    curve.chip = added(element("curves"), "button", {title: peak(curve)});
+    curve.chip = added(element("curves"), "button", {title: "show or hide"});
     added(curve.chip, "i", {}).style.background = curve.color;
     curve.text = curve.chip.appendChild(new Text(worded(curve, Math.abs(rate) * now)));
+    curve.chip.append(" ");
+    if (curve.peak) added(curve.chip, "small", {textContent: peak(curve)});
     curve.chip.addEventListener("click", () => { curve.shown = !curve.shown; draw(); });
   }
+  element("shared").hidden = !group.curves.some(curve => curve.shared);
   draw();
 }
 function draw() {
@@ -90,8 +93,7 @@ function valueAt({values, times}, time) {
 }
 const amount = (curve, time) => short(curve.unit == "s" ? 10 ** valueAt(curve, time) : valueAt(curve, time), curve.unit);
 const worded = (curve, time) => `${curve.name}: ${amount(curve, time)}`;
-const peak = ({peak, unit}) => peak
-  ? `peak ${short(peak[0], unit)} at ${+(start + Math.sign(rate) * peak[1]).toPrecision(4)} s` : "show or hide";
+const peak = ({peak, unit}) => `peak ${short(peak[0], unit)} at ${+(start + Math.sign(rate) * peak[1]).toPrecision(4)} s`;
 plot.addEventListener("pointerdown", event => {
   const box = plot.getBoundingClientRect(), go = ({clientX}) => seek((clientX - box.left) / box.width * duration);
   hold();
@@ -154,22 +156,29 @@ function follow(frame) {
   }
   drawnAt = frame;
   cursor.style.transform = `translate(${100 * now / (duration || 1)}%, 0)`;
-  const taken = [];  // boxes of the labels so far: one that would cover another is moved below it, or above at the end
-  for (const {word, place, shown} of labels) {
-    if (word.hidden = !shown()) continue;
-    const seen = place().project(camera), [across, tall] = [word.offsetWidth, word.offsetHeight];
+  arrange();
+  if (!running || frame > toldAt + TELLING) tell(frame);
+  requestAnimationFrame(follow);
+}
+const AWAY = 3;  // a name that has no room within so many heights of its thing is left out
+function arrange() {  // no label covers another
+  const taken = [];
+  for (const {word, kind, place, shown} of labels) {
+    word.hidden = !shown();
+    if (word.hidden) continue;
+    const seen = place().project(camera), across = word.offsetWidth, tall = word.offsetHeight;
     const x = Math.max(across / 2, Math.min(wide - across / 2, (1 + seen.x) / 2 * wide));
-    let y = Math.min((1 - seen.y) / 2 * high, high - tall), down = true;
-    const covers = () => taken.find(box => Math.abs(box.x - x) < (box.across + across) / 2 && y < box.y + box.tall && box.y < y + tall);
-    for (let box = covers(), tries = 0; box && tries < 24; box = covers(), tries++) {
-      down &&= box.y + box.tall <= high - tall;
-      y = down ? box.y + box.tall : box.y - tall;
-    }
+    const home = Math.max(0, Math.min(high - tall, (1 - seen.y) / 2 * high));
+    const beside = taken.filter(box => Math.abs(box.x - x) < (box.across + across) / 2);
+    const free = y => y >= 0 && y <= high - tall && !beside.some(box => y < box.y + box.tall && box.y < y + tall);
+    const rooms = [home, ...beside.flatMap(box => [box.y + box.tall, box.y - tall])].filter(free);
+    rooms.sort((a, b) => Math.abs(a - home) - Math.abs(b - home));
+    const y = rooms[0] ?? home;
+    word.hidden = kind == "name" && (!rooms.length || Math.abs(y - home) > AWAY * tall);
+    if (word.hidden) continue;
     taken.push({x, y, across, tall});
     word.style.transform = `translate(${x}px, ${y}px) translate(-50%, 0)`;
   }
-  if (!running || frame > toldAt + TELLING) tell(frame);
-  requestAnimationFrame(follow);
 }
 const TELLING = 100;  // ms; updates of texts cost more than the scene
 let toldAt = 0, told = "";

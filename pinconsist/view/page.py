@@ -28,9 +28,10 @@ def export_html(
 ) -> Path:
     """Write the motion as one page that plays in any browser, also offline.
 
-    Beside the motion are the curves of forces, torques, energies, joints, steps, orders and joint forces, with a
-    draggable cursor at the current time; above it is the verdict of the run's certificate, :meth:`Solution.check`. The
-    space bar plays and pauses, arrow keys step; pointing at a body or loop shows its name and force.
+    Beside the motion are the curves of forces, torques, energies, joints, steps, orders and joint forces, with their
+    peaks and a draggable cursor at the current time; forces that are not unique have a star. Above it is the verdict of
+    the run's certificate, :meth:`Solution.check`. The space bar plays and pauses, arrow keys step; pointing at a body
+    or loop shows its name and force. Bodies have the names of their links in the file.
 
     Shapes come from the mechanism's robot file if their meshes are found, else from joints, inertias and loops. A
     loop is shown as a clear shell (anchor 1) and a red core (anchor 2): it is closed where the core sits in the shell.
@@ -39,7 +40,8 @@ def export_html(
     Parameters
     ----------
     mech : Mechanism or sequence of Mechanism
-        The scene; one for all solutions, or one for each.
+        The scene; one for all solutions, or one for each. Its forces are those of the run; for a solution that was read
+        from a file, add those that were given to :func:`simulate`.
     sol : Solution, or sequence of solutions, or mapping of titles to solutions
         What is played, its rows in order; several are shown side by side, at one scale and one speed. Required are
         ``t``, shape (n,), s, monotone, and ``q``, shape (n, nq); for forces also ``lam``, shape (n, nc), and for
@@ -60,7 +62,8 @@ def export_html(
         sliding joint they are forces. What the joints of the tree transmit, :meth:`Solution.joint_force`, is drawn too,
         on their children; beside other forces only when a switch of the page is set. A scale bar shows the scale of
         the arrows. The largest has the longest arrow; only outliers are shortened, drawn in orange and labelled with
-        their size. Loops whose forces are not determined (:attr:`Reaction.dependence`) are named, not drawn.
+        their size. Loops whose forces are not determined (:attr:`Reaction.dependence`), and joints that share their
+        loads, are named, not drawn.
     panel : bool
         If False, the page has only the motion and its player.
 

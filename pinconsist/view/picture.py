@@ -1,6 +1,6 @@
 """A replay as meshcat's commands: one or several runs side by side, with their traces and forces, and a legend."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from itertools import cycle, pairwise
 
@@ -10,7 +10,8 @@ import pinocchio as pin
 from ..errors import InputError
 from ..mechanism.checks import flag, near
 from ..mechanism.checks import names as checked_names
-from ..mechanism.reactions import not_determined, undetermined
+from ..mechanism.names import body_names
+from ..mechanism.reactions import listed, not_determined, undetermined
 from . import arrows
 from .arrows import COLORS, FORCE, JOINT, MOMENT, RIGHT, UNITS, WRONG, Action
 from .commands import Node, animated, draw, floor, line, outline, stage, transform, view_axes, y_up
@@ -22,10 +23,11 @@ TRACES = (0x00838F, 0xBF360C, 0x33691E, 0x4527A0, 0x8D6E63)
 SEATS = {kind: "in its shell" for kind in ("point", "frame", "hinge", "universal")}
 SEATS |= {"slider": "on its rail", "cylinder": "on its rail", "plane": "on its plate", "distance": "at its bar's end"}
 ACTS = {(FORCE, False): "force", (FORCE, True): "drive force", (MOMENT, False): "moment", (MOMENT, True): "torque"}
-ACTS |= {(JOINT, False): "force in the joints,"}
+ACTS |= {(JOINT, True): "force"}  # kind, and whether it acts in a joint instead of on a body
 NAMED = 3  # largest number of bodies in a line of the legend
 POINT = 1e-12  # m; anything smaller counts as a point
 BEND = 1e-3  # distance from straight lines between frames, relative to the size of the picture: about a pixel
+ENCLOSED = 40  # frames in which the points that the camera shows are looked for
 GAP = 0.3  # between neighbours, relative to the size of the picture
 
 
@@ -54,30 +56,11 @@ class DrawnRun:
 
         Arrows of the kinds `hidden` are not seen at first, and not enclosed.
         """
-        mech, bodies, path = self.run.mech, self.bodies, self.path
-        rods = bars(mech, bodies)
-        poses = np.concatenate([bodies, *(rod[:, None] for rod in rods.values())], axis=1)
-        names = ["ground", *mech.joints, *rods]
-        paths = [f"{path}/ground", *(f"{path}/bodies/{_part(name)}" for name in mech.joints)]
-        paths += [f"{path}/loops/{_part(name)}" for name in rods]
-        shapes = self.visuals + simple_shapes(mech, bodies, size, covering(self.visuals))
-        some = np.unique(np.linspace(0, len(bodies) - 1, 40).astype(int))
-        extent = [self.skeleton[some], *(in_world(poses[some, shape.node], shape.points) for shape in shapes)]
-        self.nodes += [Node(path, poses[:, k]) for k, path in enumerate(paths) if k]
-        for name, color in zip(traces, cycle(TRACES), strict=False):
-            joint, place = on_joint(mech.model, name)
-            points = point_in_world(self._at_all_rows, joint, place.translation)
-            shapes.append(ball(joint, place.translation, 0.009 * size, color=color, on_top=1))
-            self.commands.append(line(f"{path}/traces/{_part(name)}", "Line", points, color, "trace"))
-            extent.append(point_in_world(bodies, joint, place.translation)[some])
-        for k, (name, places, stretch, coil, ends) in enumerate(springs(mech, bodies, size), start=1):
-            self.nodes.append(Node(f"{path}/springs/{k}", places, stretch))
-            self.commands.append(draw(f"{path}/springs/{k}/coil", coil, part="body", name=name))
-            extent.append(ends[some])
-        for k, shape in enumerate(shapes):
-            part = "loop" if shape.on_top and shape.loop else "body" if shape.node else "ground"
-            about = {"part": part, "name": shape.loop or names[shape.node], "run": number}
-            self.commands.append(draw(f"{paths[shape.node]}/{k}", shape, **about))
+        some = np.unique(np.linspace(0, len(self.bodies) - 1, ENCLOSED).astype(int))
+        marks = self._draw_traces(traces, size)
+        coils = self._draw_springs(size)
+        parts = self._draw_parts(number, size, marks, some)
+        extent = [self.skeleton[some], *parts, *(ends[some] for ends in coils)]
         reached = []
         for action in (each for each in self.actions if scales[each.kind]):
             around = self._draw_arrow(action, scales[action.kind], number)
@@ -85,6 +68,50 @@ class DrawnRun:
                 reached.append(around[some].reshape(-1, 3))
         self.body = np.concatenate([points.reshape(-1, 3) for points in extent])
         self.extent = np.concatenate([self.body, *reached])
+
+    def _draw_traces(self, traces, size: float) -> list[Shape]:
+        """Draw the paths of frames; a ball on each."""
+        model, marks = self.run.mech.model, []
+        for name, color in zip(traces, cycle(TRACES), strict=False):
+            joint, place = on_joint(model, name)
+            points = point_in_world(self._at_all_rows, joint, place.translation)
+            self.commands.append(line(f"{self.path}/traces/{_part(name)}", "Line", points, color, "trace"))
+            marks.append(ball(joint, place.translation, 0.009 * size, color=color, on_top=1))
+        return marks
+
+    def _draw_springs(self, size: float) -> list[np.ndarray]:
+        """Draw springs between two points; their ends, shape (m, 2, 3) each."""
+        found = springs(self.run.mech, self.bodies, size)
+        for k, (name, places, stretch, coil, _) in enumerate(found, start=1):
+            path = f"{self.path}/springs/{k}"
+            self.nodes.append(Node(path, places, stretch))
+            self.commands.append(draw(f"{path}/coil", coil, part="body", name=name))
+        return [ends for *_, ends in found]
+
+    def _draw_parts(self, number: int, size: float, marks: list[Shape], some: np.ndarray) -> list[np.ndarray]:
+        """Draw bodies with the `marks` on them, loops and the ground; points around them in the frames `some`."""
+        mech, bodies = self.run.mech, self.bodies
+        rods = bars(mech, bodies)
+        poses = np.concatenate([bodies, *(rod[:, None] for rod in rods.values())], axis=1)
+        names = [*body_names(mech.model), *rods]
+        paths = [f"{self.path}/ground", *(f"{self.path}/bodies/{_part(name)}" for name in mech.joints)]
+        paths += [f"{self.path}/loops/{_part(name)}" for name in rods]
+        self.nodes += [Node(path, poses[:, k]) for k, path in enumerate(paths) if k]
+        shapes = self.visuals + simple_shapes(mech, bodies, size, covering(self.visuals))
+        labelled = self._labelled()
+        for k, shape in enumerate(shapes + marks):
+            part = "loop" if shape.on_top and shape.loop else "body" if shape.node else "ground"
+            about = {"part": part, "name": shape.loop or names[shape.node], "run": number}
+            about |= {} if part != "body" or shape.node in labelled else {"bare": True}
+            self.commands.append(draw(f"{paths[shape.node]}/{k}", shape, **about))
+        return [in_world(poses[some, shape.node], shape.points) for shape in shapes + marks]
+
+    def _labelled(self) -> set[int]:
+        """Nodes whose names are written beside them: not links without mass and shape, which only join two joints."""
+        model = self.run.mech.model
+        massive = {joint for joint, inertia in enumerate(model.inertias) if inertia.mass > 0.0}
+        shaped = {shape.node for shape in self.visuals}
+        return massive | shaped
 
     def _draw_arrow(self, action: Action, scale, number: int) -> np.ndarray:
         part = JOINT if action.kind == JOINT else FORCE
@@ -115,48 +142,106 @@ def picture(
     error of the first run at its first step, where the page stops, and the true run. `times` are those of the frames,
     s of playing, instead of even ones. `smooth` makes as many frames as straight lines between them need.
     """
-    from .visuals import visuals  # and with it coal, only when something is shown
-
     forces, loop, beside = flag(forces, "forces"), flag(loop, "loop"), flag(beside, "panel")
     runs = runs_of(mech, sol, forces=forces)
     if first is not None:
         runs = [replace(run, true=replace(run, q=first.q, lam=first.lam)) for run in runs]
     traces = _frames(traces, runs)
-    clock = playing_times(runs, speed, fps) if times is None else times
+    told = verdicts(runs) if beside and not first else []  # before the curves, which say what is not unique
+    drawn, clock, size = _drawn(runs, speed, fps, times, smooth)
+    not_drawn = NotDrawn.of(drawn) if forces or beside else NotDrawn()
+    acting, scales, hidden = [], dict.fromkeys(UNITS), set()
+    if forces:
+        acting, scales, hidden = _act(drawn, size, not_drawn, beside)
+    for number, each in enumerate(drawn):
+        each.draw(number, size, traces, scales, hidden)
+    axes, planar = view_axes([each.skeleton for each in drawn])
+    start, end = runs[0].t[[0, -1]]
+    return _scene(drawn, axes, planar, size, clock) | {
+        "clock": [start, speed * (-1.0 if end < start else 1.0), float(clock[-1]), len(clock)],
+        "loop": loop,
+        "legend": _legend(runs, traces, forces, scales, acting, not_drawn),
+        "cuts": [cut for each in drawn for cut in each.cuts],
+        "panel": panel(runs, size, not_drawn.all, planar) if beside else None,
+        "verdicts": told,
+        "first": None if first is None else _stop(first, speed),
+    }
+
+
+def _drawn(runs: list[Run], speed: float, fps: float, times, smooth: bool) -> tuple[list[DrawnRun], np.ndarray, float]:
+    """The runs at the times of the frames, these times, s of playing, and the size of the picture, m.
+
+    Parameters are as in :func:`picture`.
+    """
+    from .visuals import visuals  # and with it coal, only when something is shown
+
     of_file = cache(visuals)
     paths = [f"/{k + 1} {_part(run.title)}" if len(runs) > 1 else "" for k, run in enumerate(runs)]
 
     def drawn_at(clock):
-        whole = zip(runs, paths, strict=True)
-        return [DrawnRun(each, clock * speed, path, of_file(each.mech)) for each, path in whole]
+        return [DrawnRun(run, clock * speed, path, of_file(run.mech)) for run, path in zip(runs, paths, strict=True)]
 
+    clock = playing_times(runs, speed, fps) if times is None else times
     drawn = drawn_at(clock)
     size = max(each.size for each in drawn) or 1.0
-    if smooth and (more := max(each.bend() for each in drawn) / (BEND * size)) > 1.0:
+    more = max(each.bend() for each in drawn) / (BEND * size)
+    if smooth and more > 1.0:
         clock = playing_times(runs, speed, np.ceil(np.sqrt(more)) * fps)
         drawn = drawn_at(clock)
-    not_drawn: dict[str, float] = {}
-    for each in drawn if forces or beside else ():
-        not_drawn |= undetermined(each.run.mech, each.run.t, each.run.q)
-    for each in drawn if forces else ():
-        each.actions = arrows.actions(each.run, each.bodies, size, not_drawn)
+    return drawn, clock, size
+
+
+@dataclass(frozen=True)
+class NotDrawn:
+    """Loops whose forces are not determined, with the dependence of their rows, and joints that share their loads."""
+
+    loops: dict[str, float] = field(default_factory=dict)
+    joints: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, drawn: list[DrawnRun]) -> "NotDrawn":
+        loops: dict[str, float] = {}
+        joints: dict[str, None] = {}
+        for each in drawn:
+            found = undetermined(each.run.mech, each.run.t, each.run.q)
+            loops |= found
+            joints |= dict.fromkeys(arrows.sharing(each.whole, found))
+        return cls(loops, tuple(joints))
+
+    @property
+    def all(self) -> set[str]:
+        """The names by which actions and curves are of them."""
+        return {*self.loops, *map(arrows.of_joint, self.joints)}
+
+    def __str__(self):
+        text = not_determined(self.loops)
+        return f"{text}; nor are those of {listed(self.joints)}, which share their loads" if self.joints else text
+
+
+def _act(drawn: list[DrawnRun], size: float, not_drawn: NotDrawn, beside: bool) -> tuple[list[Action], dict, set[str]]:
+    """Give the runs their arrows. All of them, the scale of each kind, and the kinds that are not seen at first.
+
+    Those of joints of the tree are left out where runs are compared, and in films beside others.
+    """
+    compared = any(each.run.true is not None for each in drawn)
+    for each in drawn:
+        each.actions = arrows.actions(each.run, each.bodies, size, not_drawn.all)
         if each.run.true is not None:
             color = WRONG if each is drawn[0] else None
             each.actions = [replace(action, color=color) for action in each.actions]
-            each.actions = arrows.true_actions(each.run, each.bodies, size, not_drawn) + each.actions
+            each.actions = arrows.true_actions(each.run, each.bodies, size, not_drawn.all) + each.actions
+    seen = [action for each in drawn for action in each.actions]
+    if not compared and (beside or not seen):
+        for each in drawn:
+            each.actions = each.actions + arrows.joint_actions(each.run, each.bodies, not_drawn.all)
     acting = [action for each in drawn for action in each.actions]
-    in_joints = forces and first is None and (beside or not acting)
-    for each in drawn if in_joints else ():
-        each.actions = each.actions + arrows.joint_actions(each.run, each.bodies)
-    hidden = {JOINT} if acting else set()
-    seen_at_first = acting
-    acting = [action for each in drawn for action in each.actions]
-    longest = arrows.longest_arrows([run.mech for run in runs], seen_at_first or acting, size)
-    scales = {kind: arrows.scale_of(kind, acting, longest[kind]) for kind in (FORCE, MOMENT, JOINT)}
-    for number, each in enumerate(drawn):
-        each.draw(number, size, traces, scales, hidden)
+    longest = arrows.longest_arrows([each.run.mech for each in drawn], seen or acting, size)
+    scales = {kind: arrows.scale_of(kind, acting, longest[kind]) for kind in UNITS}
+    return acting, scales, {JOINT} if seen else set()
 
-    axes, planar = view_axes([each.skeleton for each in drawn])
+
+def _scene(drawn: list[DrawnRun], axes: np.ndarray, planar: bool, size: float, clock: np.ndarray) -> dict:
+    """The commands that draw and move the runs beside each other, the view of them, and their titles."""
     placed = list(zip(drawn, _offsets([each.extent for each in drawn], axes[0], size), strict=True))
     commands = [command for each in drawn for command in each.commands]
     commands += [transform(each.path, pin.SE3(np.eye(3), offset).homogeneous) for each, offset in placed if each.path]
@@ -166,21 +251,23 @@ def picture(
     commands += animated([node for each in drawn for node in each.nodes], clock)
     titles = [(each.run.title, _below(each.body, axes, size) + offset) for each, offset in placed if each.run.title]
     seen = [*(each.extent + offset for each, offset in placed), *(place[None] for _, place in titles)]
-    start, end = runs[0].t[[0, -1]]
+    view = {"axes": [y_up(axis) for axis in axes], "planar": planar, "size": size}
     return {
         "commands": commands,
-        "view": {"axes": [y_up(axis) for axis in axes], "planar": planar, "size": size}
-        | {"points": outline(np.concatenate(seen), axes)},
-        "clock": [start, speed * (-1.0 if end < start else 1.0), float(clock[-1]), len(clock)],
-        "loop": loop,
+        "view": view | {"points": outline(np.concatenate(seen), axes)},
         "titles": [{"text": text, "at": y_up(place)} for text, place in titles],
-        "legend": _legend(runs, traces, forces, scales, acting, not_drawn),
-        "cuts": [cut for each in drawn for cut in each.cuts],
-        "panel": panel(runs, size, not_drawn, planar) if beside else None,
-        "verdicts": verdicts(runs) if beside and not first else [],
-        "first": first
-        and {"wrong": f"{first.wrong}: {first.sizes}", "ok": first.ok, "verdict": first.verdict}
-        | {"stop": first.order * first.h / speed, "of": first.loop, "colors": [WRONG, COLORS[FORCE]]},
+    }
+
+
+def _stop(first, speed: float) -> dict:
+    """What the page of a comparison tells where it stops, at the end of the first step; `first` as in `picture`."""
+    return {
+        "wrong": f"{first.wrong}: {first.sizes}",
+        "ok": first.ok,
+        "verdict": first.verdict,
+        "stop": first.order * first.h / speed,
+        "of": first.loop,
+        "colors": [WRONG, COLORS[FORCE]],
     }
 
 
@@ -214,33 +301,43 @@ def _below(points: np.ndarray, axes: np.ndarray, size: float) -> np.ndarray:
     return np.array([(low[0] + high[0]) / 2, low[1] - 0.06 * size, (low[2] + high[2]) / 2]) @ axes
 
 
-def _legend(runs, traces, forces: bool, scales, acting, not_drawn) -> list[dict]:
+def _legend(runs, traces, forces: bool, scales, acting, not_drawn: NotDrawn) -> list[dict]:
     out = [{"color": color, "text": f"path of {name}"} for name, color in zip(traces, cycle(TRACES), strict=False)]
-    if kinds := {loop.kind for run in runs for loop in run.mech.anchored_loops}:
+    kinds = {loop.kind for run in runs for loop in run.mech.anchored_loops}
+    if kinds:
         seats = dict.fromkeys(seat for kind, seat in SEATS.items() if kind in kinds)
         out.append({"color": CLOSED, "text": f"loop: closed where its core sits {', '.join(seats)}"})
-    for kind, scale in scales.items():
-        if scale:
-            amount = arrows.round_amount(0.3 * scale.most)
-            bar = {"metres": amount * scale.metres, "text": arrows.stated(amount, UNITS[kind])}
-            most = arrows.stated(scale.most, UNITS[kind], ".3g")
-            cut = f"; cut at {most}, with their size beside them" if scale.cuts else ""
-            out.append({"color": COLORS[kind], "bar": bar, "text": f"{_acting(kind, acting)}{cut}"})
+    out += [_bar(kind, scale, acting) for kind, scale in scales.items() if scale]
     if any(run.true is not None for run in runs):
         out += [{"color": WRONG, "text": "from exact values"}, {"color": RIGHT, "text": "true, under the others"}]
-    if not_drawn:
-        out.append({"color": COLORS[FORCE], "text": f"not drawn: {not_determined(not_drawn)}"})
+    if not_drawn.loops:
+        out.append({"color": COLORS[FORCE], "text": f"not drawn: {not_drawn}"})
     elif forces and not any(scales.values()):
         out.append({"color": COLORS[FORCE], "text": "no forces to draw"})
     return out
 
 
+def _bar(kind: str, scale, acting: list[Action]) -> dict:
+    """An entry of the legend with a bar as long as the arrow of a round amount."""
+    amount = arrows.round_amount(0.3 * scale.most)
+    bar = {"metres": amount * scale.metres, "text": arrows.stated(amount, UNITS[kind])}
+    text = _acting(kind, acting)
+    if scale.cuts:
+        text += f"; cut at {arrows.stated(scale.most, UNITS[kind], '.3g')}, with their size beside them"
+    return {"color": COLORS[kind], "bar": bar, "text": text}
+
+
 def _acting(kind: str, acting: list[Action]) -> str:
-    """``force on the rocker``: what arrows of a kind are, and on which bodies they are drawn."""
-    bodies: dict[str, list[str]] = {}
+    """``force on the rocker_bar; torque in joint crank``: what arrows of a kind are, and where they act."""
+    places: dict[tuple[str, bool], dict[str, None]] = {}
     for action in (each for each in acting if each.kind == kind):
-        bodies.setdefault(ACTS[kind, action.on_joint is not None], []).extend(action.bodies[:1])
-    return "; ".join(f"{what} on the {_few(list(dict.fromkeys(names)))}" for what, names in bodies.items())
+        inside = bool(action.joint)
+        places.setdefault((ACTS[kind, inside], inside), {})[action.joint if inside else action.bodies[0]] = None
+    out = []
+    for (what, inside), names in places.items():
+        where = ("in joint" if len(names) == 1 else "in joints") if inside else "on the"
+        out.append(f"{what} {where} {_few(list(names))}")
+    return "; ".join(out)
 
 
 def _few(names: list[str]) -> str:

@@ -66,15 +66,9 @@ new ResizeObserver(measure).observe(pane);
 // Labels over the scene
 const labels = [];
 function label(text, kind, place, shown = () => true) {
-  labels.push({word: added(pane, "div", {className: "label " + kind, textContent: text}), place, shown});
+  labels.push({word: added(pane, "div", {className: "label " + kind, textContent: text}), kind, place, shown});
 }
 for (const {text, at} of replay.titles) label(text, "title", () => new Vector3(...at));
-const named = new Set();
-for (const part of [...parts.loop, ...parts.body]) {
-  const {name, run} = part.userData;
-  if (named.size == named.add(run + name).size) continue;
-  label(name, "name", () => part.getWorldPosition(new Vector3()), () => switches.names.checked);
-}
 for (const cut of replay.cuts) {
   const head = object(cut.path), values = unpacked(cut.values), tip = parts[cut.part].filter(part => within(part, head.parent));
   const own = tip[0].material.color.getHex(), value = () => values[Math.round(now / duration * (values.length - 1)) || 0];
@@ -86,6 +80,23 @@ for (const cut of replay.cuts) {
   };
   const number = labels.length;
   label("", "size", () => head.getWorldPosition(new Vector3()), shown);
+}
+const named = new Map();  // the shapes of each loop and body that has a name
+for (const thing of [...parts.loop, ...parts.body]) {
+  const {part, name, run, bare} = thing.userData, key = JSON.stringify([part, run, name]);
+  if (bare || named.get(key)?.push(thing)) continue;
+  const its = [thing];
+  named.set(key, its);
+  label(name, "name", () => middle(part == "loop" ? [thing] : its), () => switches.names.checked);
+}
+function middle(things) {
+  const sum = new Vector3();
+  for (const thing of things) {
+    if (!thing.geometry.boundingSphere) thing.geometry.computeBoundingSphere();
+    thing.updateWorldMatrix(true, false);
+    sum.add(thing.geometry.boundingSphere.center.clone().applyMatrix4(thing.matrixWorld));
+  }
+  return sum.divideScalar(things.length);
 }
 function within(thing, parent) {
   while (thing && thing != parent) thing = thing.parent;
