@@ -356,23 +356,29 @@ def _processors() -> int:
 
 
 class Equations:
-    """The equations of motion of a mechanism, with independent rows of its loops at each state."""
+    """The equations of motion of a mechanism along a solution, with independent rows of its loops at each state.
 
-    def __init__(self, mechanism):
-        self._mechanism, self._index1 = mechanism, None
+    Differences of functions of time do not reach across the times at which these jump or bend.
+    """
+
+    def __init__(self, mechanism, solution):
+        self._mechanism, self._solution, self._index1 = mechanism, solution, None
 
     def at(self, t, q) -> Index1:
         """The equations near a state."""
-        known = self._index1
+        known, sol = self._index1, self._solution
         fresh = MechanismSystem(self._mechanism, q, t) if known is None else known.system.reselected(q)
+        if known is None and fresh.breakpoints and len(sol.t):
+            run = getattr(sol.system, "breakpoints", None)
+            fresh.breakpoints.look_over(sol.t[0], sol.t[-1], sol.q[0], sol.v[0], run)
         if fresh is not None:
             self._index1 = CompiledIndex1(fresh, compiled_system(fresh))
         return self._index1
 
 
-def accelerations(mechanism, t, q, v):
-    """Accelerations of the equations of motion at several states, shape (n, nv)."""
-    found, equations = np.empty(v.shape), Equations(mechanism)
+def accelerations(mechanism, solution, t, q, v):
+    """Accelerations of the equations of motion at several states of a solution, shape (n, nv)."""
+    found, equations = np.empty(v.shape), Equations(mechanism, solution)
     for row, *state in zip(found, t, q, v, strict=True):
         row[:] = equations.at(*state[:2]).acceleration(*state)[0]
     return found

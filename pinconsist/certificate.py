@@ -303,7 +303,7 @@ def _shared(solution, mechanism, system, workspace) -> dict[str, tuple[str, ...]
         return {}
 
     def motion(rows):
-        return v[rows], accelerations(mechanism, sided(t)[rows], q[rows], v[rows])
+        return v[rows], accelerations(mechanism, solution, sided(t)[rows], q[rows], v[rows])
 
     return shared_loads(States(mechanism, t, q, lam, workspace, motion))
 

@@ -169,7 +169,7 @@ class ByName:
         """
         self._require_forces(mechanism)
         mechanism = self._mechanism(mechanism, "acceleration")
-        found = accelerations(mechanism, sided(self.t), self.q, self.v)
+        found = accelerations(mechanism, self, sided(self.t), self.q, self.v)
         return found if joint is None else _of(mechanism, joint, found)
 
     def frame(self, frame: str, mechanism=None) -> FrameMotion:

@@ -330,12 +330,17 @@ class Solution(ByName):
 
         def motion(rows):
             v = self.v[rows]
-            return v, accelerations(acting(), sided(self.t)[rows], self.q[rows], v)
+            return v, accelerations(acting(), self, sided(self.t)[rows], self.q[rows], v)
 
         def at(times):
             q, v, lam = states_at(self, times, acting())
             return States(
-                found, times, q, lam, workspace, lambda rows: (v[rows], accelerations(acting(), times, q, v)[rows])
+                found,
+                times,
+                q,
+                lam,
+                workspace,
+                lambda rows: (v[rows], accelerations(acting(), self, times, q, v)[rows]),
             )
 
         return States(found, self.t, self.q, self.lam, workspace, motion, at)

@@ -32,7 +32,7 @@ def states_at(solution, times, mechanism=None):
     between = between[np.argsort(sign * times[between], kind="stable")]
     if not len(between):
         return q, v, lam
-    equations = Equations(mechanism) if mechanism is not None else Index1(solution.system)
+    equations = Equations(mechanism, solution) if mechanism is not None else Index1(solution.system)
     for k, *near in zip(between, *_near(solution, times[between], rows[between], mechanism), strict=True):
         index1 = equations.at(times[k], near[0]) if mechanism is not None else equations
         q[k], v[k] = index1.projected(times[k], *near)
@@ -75,7 +75,8 @@ class Steps:
         self._solution, self._are_steps, self._mechanism = solution, bool(len(solution.h)), mechanism
         self._interpolates = mechanism is not None and self._are_steps and solution.method.get("method") != "Radau"
         if mechanism is not None:
-            self._equations, self._repeated = Equations(mechanism), Equations(mechanism)  # a run changes held torques
+            self._equations = Equations(mechanism, solution)
+            self._repeated = Equations(mechanism, solution)  # a run changes held torques
 
     def inside(self, row, times):
         """q and v at times between a row and the next one."""

@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline, PchipInterpolator
@@ -250,3 +251,47 @@ def test_every_part_of_a_table_counts():
     bare = replace(mech, forces=mech.forces[-1:])
     sol = pc.simulate(bare, (0.0, 6.0))
     assert sol.v[-1, 0] == pytest.approx(impulse / pulses.INERTIA, rel=1e-6)
+
+
+RISE, FALL, HEIGHT = 0.4, 0.55, 0.05  # s, s, m
+
+
+def road(t):
+    """A bump whose acceleration jumps where it begins and ends."""
+    part = (t - RISE) / (FALL - RISE)
+    return HEIGHT * np.sin(np.pi * part) ** 2 if 0.0 < part < 1.0 else 0.0
+
+
+def road_acceleration(t):
+    inside = (RISE < t) & (t < FALL)
+    w = 2.0 * np.pi / (FALL - RISE)
+    return np.where(inside, 0.5 * HEIGHT * w**2 * np.cos(w * (t - RISE)), 0.0)
+
+
+@pytest.mark.parametrize("method", ["BDF", "Radau"])
+@pytest.mark.parametrize("knots", [(), (RISE, FALL)])
+@pytest.mark.parametrize("offset", [0.0, 3.0])
+def test_forces_near_knots_are_those_of_their_side(tmp_path, method, knots, offset):
+    """λ = m (g + z''): differences neither reach across knots, nor take rounding for a slope next to them.
+
+    With an offset the constraint is the small difference of larger numbers, as with the pose of a frame.
+    """
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "z")
+    model.appendBodyToJoint(joint, pin.Inertia(2.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    follows = pc.Constraint(
+        "road", lambda t, q: np.array([(q[0] + offset) - (road(t) + offset)]), 1, lambda t, q: np.eye(1), knots=knots
+    )
+    mech = pc.Mechanism(model, [follows])
+    sol = pc.simulate(mech, (0.0, 1.0), method=method)
+    size = 2.0 * HEIGHT * 0.5 * (2.0 * np.pi / (FALL - RISE)) ** 2
+    away = np.abs(sol.t[:, None] - [RISE, FALL]).min(axis=1) > 1e-7  # knots that are found are not exact
+    known = 2.0 * (9.81 + road_acceleration(sol.t))
+    np.testing.assert_allclose(sol.lam[away, 0], known[away], atol=3e-5 * size)
+    np.testing.assert_allclose(sol.acceleration("z")[away], road_acceleration(sol.t)[away], atol=3e-5 * size)
+    assert sol.check().ok, sol.check().verdict
+    times = np.sort(np.concatenate([knot + np.array([-2e-3, -1e-4, -1e-6, 1e-6, 1e-4, 2e-3]) for knot in (RISE, FALL)]))
+    for each, scene in ((sol, None), (pc.Solution.load(sol.save(tmp_path / "run")), mech)):
+        found = each.at(times, scene)
+        np.testing.assert_allclose(found.lam[:, 0], 2.0 * (9.81 + road_acceleration(times)), atol=3e-5 * size)
+        np.testing.assert_allclose(found.acceleration("z", scene), road_acceleration(times), atol=3e-5 * size)

@@ -166,6 +166,21 @@ class Breakpoints:
         self._times, self._restarts = [t for t, _ in found], [restarts for _, restarts in found]
         self._ends = [t for t, restarts in found if restarts is not None]
 
+    def look_over(self, t, t_end, q, v, run=None) -> None:
+        """Find the break points between two times, for evaluations in any order; those of a `run` that covers them."""
+        if run is not None and run.covers(t, t_end):
+            self.share(run)
+        elif self.functions:
+            self._look(t, t_end, q, v, samples_of(abs(t_end - t)))
+            self._backwards, self._piece = t_end < t, None
+
+    def covers(self, t, t_end) -> bool:
+        """Whether these are the break points from one time to another, in the direction of the run."""
+        if self._looked is None:
+            return False
+        begun, ended, _ = self._looked
+        return begun <= t <= t_end <= ended or begun >= t >= t_end >= ended
+
     def share(self, run) -> None:
         """Take over the break points and the domain of another run."""
         self._take(list(zip(run._times, run._restarts, strict=True)))

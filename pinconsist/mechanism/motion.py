@@ -149,19 +149,26 @@ def _slope_part(function, weight, node, h):
 def _aside(function, order: int, step: float, low: float, high: float):
     """The derivative at time 0, by differences of eighth order in an interval that ends near it.
 
-    The interval is divided by 4 until that changes little; the error of the last one is smaller than this change.
+    The interval is divided by 4 until that changes little; the error of the last one is smaller than this change. Of a
+    function that is the small difference of large numbers, the rounding is not known: if no change is small enough, the
+    derivative is that after which it changed least.
     """
     wide, found = min(2.0 * NODES[-1] * step, high - low), None
+    best, least = None, inf
     for _ in range(8):
         first = min(max(-0.5 * wide, low), high - wide)
         values = [np.asarray(function(first + part * wide), float) for part in PARTS]
         weights = _weights(-first / wide, order)
         before, found = found, sum(map(mul, weights, values)) / wide**order
         rounding = EPS * sum(abs(weight) * _largest(value) for weight, value in zip(weights, values, strict=True))
-        if before is not None and _largest(found - before) <= RESOLVED * _largest(found) + rounding / wide**order:
-            break
+        if before is not None:
+            change = _largest(found - before)
+            if change <= RESOLVED * _largest(found) + rounding / wide**order:
+                return found
+            if change < least:
+                best, least = before, change
         wide *= 0.25
-    return found
+    return best
 
 
 @lru_cache(1000)
