@@ -82,6 +82,14 @@ def test_the_time_has_the_decimals_of_its_steps(tab, step, places):
     assert tab.run(f"decimals({step})") == places
 
 
+@pytest.mark.parametrize(("number", "unit", "words"), [
+    (2.87e-6, "J", "2.87e-6 J"), (-0.00512, "N", "-0.00512 N"), (0.0, "rad", "0 rad"), (12345.0, "N", "12.3 kN"),
+    (-4.5e7, "N·m", "-45 MN·m"), (12345.0, "m", "12300 m"), (0.00099951, "m", "0.001 m"),
+])  # fmt: skip
+def test_numbers_are_short(tab, number, unit, words):
+    assert tab.run(f"short({number!r}, '{unit}')") == words
+
+
 def test_speed_and_loop(tab):
     tab.run("speed.value = 4; speed.dispatchEvent(new Event('change')); seek(duration - 0.1)")
     assert tab.run("speed.selectedOptions[0].text") == f"× {4 * SPEED:g}"

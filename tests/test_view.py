@@ -22,7 +22,7 @@ from pinconsist.mechanism.mechanism import Geometry, Mechanism
 from pinconsist.view.commands import plane_normal
 from pinconsist.view.motion import MAX_FRAMES, Run, body_poses, in_world, playing_times
 from pinconsist.view.picture import picture
-from pinconsist.view.shapes import CLOSED, GROUND, JOINT, RAIL, link_ends, simple_shapes, skeleton
+from pinconsist.view.shapes import CLOSED, GROUND, JOINT, RAIL, covering, link_ends, simple_shapes, skeleton
 from pinconsist.view.visuals import visuals
 
 LENGTH = 0.7
@@ -175,6 +175,20 @@ def test_links_reach_from_joint_to_joint_and_anchor():
     assert (shell.node, core.node) == (2, 0) and shell.opacity < 1
     np.testing.assert_allclose(core.placement.translation, [LENGTH, 0, 0])
     np.testing.assert_allclose(np.abs(plane_normal(skeleton(mech, poses))), [0, 1, 0], atol=1e-9)
+
+
+def test_bodies_too_thin_to_be_seen_have_bars():
+    """Each of 32 rods of 4 cm in a picture of 20 m, where a pixel of a phone is 5 cm; none of a four-bar."""
+    for name, bars in ("chain_32", 32), ("four_bar", 0):
+        mech = load(name)
+        poses = body_poses(mech.model, start(mech))
+        size = float(np.linalg.norm(np.ptp(skeleton(mech, poses).reshape(-1, 3), axis=0)))
+        shapes = simple_shapes(mech, poses, size, covering(visuals(mech)))
+        found = [shape for shape in shapes if shape.node and not shape.loop]
+        assert len(found) == len({shape.node for shape in found}) == bars
+        for shape in found:
+            assert shape.geometry["height"] == pytest.approx(1.0) and 2 * shape.geometry["radiusTop"] > size / 390
+            np.testing.assert_allclose(shape.placement.translation, (0.5, 0.0, 0.0), atol=1e-12)
 
 
 COLOURED = ["andrews", "crank_rocker", "five_bar", "flyball_governor", "four_bar", "jansen_leg", "slider_crank"]

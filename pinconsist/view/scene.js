@@ -8,8 +8,8 @@ function prefixed(size, unit) {  // factor and prefix of large forces
   return size < 1e7 ? [1e3, "k"] : [1e6, "M"];
 }
 function short(number, unit) {
-  const [scale, prefix] = prefixed(Math.abs(number), unit);
-  return +(number / scale).toPrecision(3) + " " + prefix + unit;
+  const [scale, prefix] = prefixed(Math.abs(number), unit), value = +(number / scale).toPrecision(3);
+  return (value && Math.abs(value) < 1e-3 ? value.toExponential() : value) + " " + prefix + unit;
 }
 
 // The scene

@@ -15,6 +15,7 @@ JOINT, GROUND, RAIL, CLOSED, SPRING = 0x333333, 0x555555, 0xA0A4AA, 0xD50000, 0x
 LINK = 0.011  # radius of a link, relative to the size of the picture
 ROD, BARREL = 0xC2C8CE, 0.7  # colour of the rod of a cylinder; length of its barrel, relative to the shortest cylinder
 SHELL, CORE, BALL = 2.2, 0.9, 1.45  # radii of anchors 1 and 2 and of a joint, relative to that of a link
+THIN = 0.3  # radius of a bar in shapes that are thinner than it, relative to that of a link: a pixel on a phone
 TURNS, STRAIGHT = 9, 0.12  # number of turns of a coil; share of its length that is straight, at each end
 COIL, WIRE = 0.018, 0.003  # radius of a coil and of its wire, relative to the size of the picture
 SEGMENTS, SIDES = 16, 6  # segments of a turn, and sides of the cross-section of the wire
@@ -143,44 +144,70 @@ def simple_shapes(mech: Mechanism, poses: np.ndarray, size: float, covered=None)
     """Links, joints, ground and rails of every body; anchors of all loops.
 
     Left out are the bodies of the joints `covered` by shapes of their own, see :func:`covering`, but for levers to
-    points outside of them; 0 is the ground. Thicknesses are relative to the `size` of the picture, m. Rails are as long
-    as the distance that a joint slides; between bodies they are the barrel and the rod of a cylinder.
+    points outside of them, and bars where they are too thin to be seen; 0 is the ground. Thicknesses are relative to
+    the `size` of the picture, m. Rails are as long as the distance that a joint slides; between bodies they are the
+    barrel and the rod of a cylinder.
     """
     covered = covered or {}
     radius = LINK * size
     out, fixed, of_bodies = [], [], link_ends(mech)
     colors = link_colors(mech, poses, of_bodies)
     for joint, ends in of_bodies.items():
-        parent, rail = mech.model.parents[joint], _rail(mech, joint, poses, size)
-        axis, turns = joint_axis(mech.model, joint)
-        slides = axis is not None and not turns
-        if parent == 0 and rail is not None and not slides:
+        rail = _rail(mech, joint, poses, size)
+        if mech.model.parents[joint] == 0 and rail is not None and _slide(mech, joint) is None:
             fixed.append(rail.mean(0))
-        color = colors[joint]
         if joint in covered:
-            low, high = covered[joint]
-            outside = [end for end in ends if (end < low - radius).any() or (end > high + radius).any()]
-            out += [cylinder(joint, np.clip(end, low, high), end, 0.6 * radius, color=color) for end in outside]
-            continue
-        if slides and (strut := _strut(mech, joint, poses, axis, ends, radius, size)) is not None:
-            barrel, rod = strut
-            out += [] if parent in covered else [cylinder(parent, *barrel, 1.9 * radius, color=colors[parent])]
-            out += [cylinder(joint, *rod, 0.9 * radius, color=ROD), ball(joint, rod[1], BALL * radius, color=JOINT)]
-            rail, ends = None, [end for end in ends if np.linalg.norm(np.cross(end, axis)) > radius / 10]
-        elif slides:
-            out.append(block(joint, np.zeros(3), axis, 7 * radius, 4 * radius, color=color))
+            out += _levers(joint, ends, covered[joint], radius, colors[joint])
         else:
-            out.append(ball(joint, np.zeros(3), BALL * radius, color=JOINT))
-        for end in ends:
-            if np.linalg.norm(end) > radius / 10:
-                out += [cylinder(joint, np.zeros(3), end, radius, color=color), ball(joint, end, radius, color=color)]
-        if rail is not None and np.linalg.norm(rail[1] - rail[0]) > radius / 2:
-            out.append(cylinder(parent, *rail, 0.45 * radius, color=RAIL))
+            out += _body(mech, joint, poses, size, ends, rail, colors, covered)
     fixed += [place.translation for joint, place in anchors(mech.model, *mech.anchored_loops) if joint == 0]
     fixed += [point for joint, point in force_points(mech) if joint == 0]
     if 0 not in covered:
         out += _ground(fixed, radius)
     return out + _closures(mech, poses, radius)
+
+
+def _slide(mech: Mechanism, joint: int) -> np.ndarray | None:
+    """The axis of a joint that slides, shape (3,); None for others."""
+    axis, turns = joint_axis(mech.model, joint)
+    return None if turns else axis
+
+
+def _levers(joint: int, ends, covered, radius: float, color: int) -> list[Shape]:
+    """Bars from the shapes of a body to points outside of them; to all points if the shapes are too thin to be seen."""
+    low, high = covered
+    outside = [end for end in ends if (end < low - radius).any() or (end > high + radius).any()]
+    out = [cylinder(joint, np.clip(end, low, high), end, 0.6 * radius, color=color) for end in outside]
+    if np.sort(high - low)[1] < 2 * THIN * radius:
+        out += [cylinder(joint, np.zeros(3), end, THIN * radius, color=color) for end in _apart(ends, radius)]
+    return out
+
+
+def _apart(ends, radius: float) -> list[np.ndarray]:
+    """Those of the points of a body that are not at its joint."""
+    return [end for end in ends if np.linalg.norm(end) > radius / 10]
+
+
+def _body(mech: Mechanism, joint: int, poses, size: float, ends, rail, colors, covered) -> list[Shape]:
+    """The joint, the links and the rail of a body without shapes of its own; parameters as in :func:`simple_shapes`."""
+    radius, color = LINK * size, colors[joint]
+    parent, axis = mech.model.parents[joint], _slide(mech, joint)
+    strut = None if axis is None else _strut(mech, joint, poses, axis, ends, radius, size)
+    out: list[Shape] = []
+    if strut is not None:
+        barrel, rod = strut
+        out += [] if parent in covered else [cylinder(parent, *barrel, 1.9 * radius, color=colors[parent])]
+        out += [cylinder(joint, *rod, 0.9 * radius, color=ROD), ball(joint, rod[1], BALL * radius, color=JOINT)]
+        ends = [end for end in ends if np.linalg.norm(np.cross(end, axis)) > radius / 10]
+    elif axis is not None:
+        out.append(block(joint, np.zeros(3), axis, 7 * radius, 4 * radius, color=color))
+    else:
+        out.append(ball(joint, np.zeros(3), BALL * radius, color=JOINT))
+    for end in _apart(ends, radius):
+        out += [cylinder(joint, np.zeros(3), end, radius, color=color), ball(joint, end, radius, color=color)]
+    if strut is None and rail is not None and np.linalg.norm(rail[1] - rail[0]) > radius / 2:
+        out.append(cylinder(parent, *rail, 0.45 * radius, color=RAIL))
+    return out
 
 
 def _strut(mech: Mechanism, joint: int, poses: np.ndarray, axis, ends, radius: float, size: float):
@@ -189,13 +216,14 @@ def _strut(mech: Mechanism, joint: int, poses: np.ndarray, axis, ends, radius: f
     A cylinder is a joint that slides along a line through the origin of the parent's own joint, by less than the
     distance from there to the farther end of its body. The rod always ends in the barrel.
     """
-    parent, home = mech.model.parents[joint], mech.model.jointPlacements[joint]
-    if parent == 0:
+    home = mech.model.jointPlacements[joint]
+    if mech.model.parents[joint] == 0:
         return None
     along = home.rotation @ axis  # in the axes of the parent
     tips = np.array([0.0, *(end @ axis for end in ends if np.linalg.norm(np.cross(end, axis)) <= radius / 10)])
     way = (_path(mech, joint, poses) - home.translation) @ along
-    low, high = way.min(), way.max()
+    low = way.min()
+    high = way.max()
     base = -home.translation @ along
     if np.linalg.norm(home.translation + base * along) > TOUCHING * size:
         return None
