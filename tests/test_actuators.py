@@ -135,6 +135,10 @@ def test_without_a_command_a_position_actuator_holds_its_reference(tmp_path):
     key = '<keyframe><key qpos="0 0 0" ctrl="0.7 -0.1"/></keyframe>'
     mech = pc.load(written(tmp_path / "arm.xml", ACTUATORS["position"], rest=key))
     assert [force.control for force in mech.forces if isinstance(force, pc.Actuator)] == [0.7, -0.1]
+    key = '<keyframe><key time="1"/><key ctrl="0.5 0.2"/></keyframe>'  # positions are those of the file
+    mech = pc.load(written(tmp_path / "arm.xml", ACTUATORS["position"], rest=key))
+    assert [force.control for force in mech.forces if isinstance(force, pc.Actuator)] == [0.5, 0.2]
+    assert (mech.guess == pc.load(written(tmp_path / "arm.xml", ACTUATORS["position"])).guess).all()
 
 
 def test_limits_are_reported_and_commands_may_change(tmp_path):

@@ -131,3 +131,48 @@ def test_anchors_that_a_command_names_are_those_that_move(run):
 
     step = 1e-4
     assert np.ravel(row["derivatives"])[0] == pytest.approx((crank(step) - crank(-step)) / (2 * step), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("simulate", "four_bar", "page.html"), "a .html file is written by --html page.html"),
+        (("simulate", "four_bar", "--csv", "a.csv", "--csv-force", "crank", "rocker"),
+         "--csv-force may be repeated: --csv-force crank --csv-force rocker"),
+        (("plot", "four_bar", "run.png"), "a .png file is written by --out run.png"),
+        (("plot", "four_bar", "--of", "reaction coupler_rocker", "torque motor"),
+         "--of may be repeated: --of 'reaction coupler_rocker' --of 'torque motor'"),
+        (("check", "four_bar", "run.html"), "(run.html) (see"),
+        (("simulate", "four_bar", "five_bar"), "(five_bar) (see"),
+    ],
+)  # fmt: skip
+def test_one_argument_too_many_is_told_with_its_option(run, arguments, told):
+    code, _, err = run(*arguments)
+    assert code == 2 and told in err and "unexpected extra argument" in err
+
+
+def test_a_file_that_lacks_its_suffix_is_named(run, tmp_path):
+    (tmp_path / "arm.urdf").write_text("<robot/>")
+    assert "neither a built-in model nor a file 'arm'; there is arm.urdf." in run("simulate", "arm")[2]
+
+
+def test_velocities_that_drives_determine_are_told():
+    mech = pc.load("four_bar").add_loops(pc.Drive("motor", "crank", pc.Motion(speed=1.0)))
+    with pytest.raises(pc.AssemblyError, match="loops and drives determine all velocities; leave them out"):
+        pc.assemble(mech, v0={"rocker": 5.0})
+
+
+def test_user_defined_forces_on_bodies_are_missing_in_joints_and_that_is_told():
+    """A pendulum held by its tip: of the same force by a wrench and by a function, only the joint knows the first."""
+    mech = pc.load("planar_pendulum")
+    held = {"q0": {"pendulum": 0.3}, "t_eval": [0.0, 0.1]}
+    force = pc.Wrench("pendulum_tip", (5.0, 0.0, 2.0))
+    exact = pc.simulate(mech, (0.0, 0.1), forces=[force], **held).joint_force("pendulum")
+    bound = force.bind(mech.model)
+    taken = pc.simulate(mech, (0.0, 0.1), forces=[lambda t, q, v: bound.torque(t, q, v)], **held)
+    taken = taken.joint_force("pendulum")
+    np.testing.assert_allclose(taken.force - exact.force, [[5.0, 0.0, 2.0]] * 2, atol=1e-6)
+    (label,) = taken.taken_as_torques
+    assert label.startswith("torque ") and exact.taken_as_torques == ()
+    assert f"{label}: taken for torques in joints, not for forces on bodies" in str(taken)
+    assert "taken" not in str(exact)

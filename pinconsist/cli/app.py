@@ -3,11 +3,13 @@
 import logging
 import os
 import re
+import shlex
 import sys
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
+from pathlib import PurePath
 from typing import Annotated
 
 import typer
@@ -73,6 +75,9 @@ SEVERAL = {"--to": re.compile(r"[^-].*"), "--step": NUMBER}
 SEVERAL |= dict.fromkeys(("--with-velocity", "--control"), re.compile(r"[^-].*=.*"))
 SEVERAL["--at"] = re.compile(rf"[^-].*=.*|{NUMBER.pattern}")
 """Options that take several values, and the pattern of a further value."""
+WRITTEN = {".html": ("--html",), ".csv": ("--csv", "--out"), ".npz": ("--out",)}
+WRITTEN |= dict.fromkeys((".png", ".pdf", ".svg"), ("--plot", "--out"))
+"""Suffix of a file → the options that write such a file."""
 
 app = typer.Typer(
     pretty_exceptions_enable=False,
@@ -202,11 +207,27 @@ def _run(arguments, app, program, studies) -> int:
             raise
         context = getattr(error, "ctx", None)
         help_of = f" (see {context.command_path} --help)" if context else ""
-        text = error.format_message().rstrip(".") + help_of
+        reason = error.format_message().rstrip(".")
+        text = reason + (_meant(reason, arguments, context) if "extra argument" in reason else "") + help_of
     print_error(text)
     if "--json" in arguments:
         print_json({"error": in_options(text)})
     return WRONG_INPUT
+
+
+def _meant(reason, arguments, context) -> str:
+    """The end of a message about too many arguments: the option of a file, or one that must be repeated."""
+    options = {name: each for each in context.command.params for name in each.opts if name.startswith("--")}
+    extra = reason.partition("(s) (")[2].rstrip(")").split()
+    for text in extra:
+        suffix = PurePath(text).suffix
+        for name in WRITTEN.get(suffix, ()):
+            if name in options:
+                return f"; a {suffix} file is written by {name} {shlex.quote(text)}"
+    for option, first, second in zip(arguments, arguments[1:], arguments[2:], strict=False):
+        if getattr(options.get(option), "multiple", False) and second.split()[:1] == extra[:1]:
+            return f"; {option} may be repeated: {option} {shlex.quote(first)} {option} {shlex.quote(second)}"
+    return ""
 
 
 @app.callback(invoke_without_command=True)

@@ -86,7 +86,9 @@ def find(source: str | os.PathLike) -> Source:
     elif path.suffix.lower() not in READERS:
         if isinstance(source, str) and not path.suffix and len(path.parts) == 1 and not os.path.exists(path):
             names = (*built_in, *(f"{name}_<n>" for name in FAMILIES))
-            reason = f"there is neither a built-in model nor a file {source!r}{near(source, (*names, *ROBOTS))}"
+            meant = [each for suffix in READERS if os.path.isfile(each := f"{source}{suffix}")]
+            alike = f"; there is {meant[0]}" if meant else near(source, (*names, *ROBOTS))
+            reason = f"there is neither a built-in model nor a file {source!r}{alike}"
             raise InputError(f"{reason}. Built-in models: {', '.join(names)}")
         supported = "URDF (.urdf, with a loop file .yaml next to it or passed as loops=), SDF (.sdf) and MJCF (.xml)"
         kind = path.suffix or "without suffix"

@@ -236,6 +236,8 @@ def velocity_on_constraints(solver: LoopSolver, q, v=None, kept=None, before=Non
         if len(s := np.linalg.svd(J, compute_uv=False)) and s[-1] < NEARLY_SINGULAR * s[0]:
             advice = "loop rows are nearly dependent here, close to a singular position; start a little away from it"
         rows = solver.loop_rows.closures if isinstance(v, Mapping) else ()
+        if len(J) == mechanism.nv:
+            advice = "loops and drives determine all velocities; leave them out"
         if driven := [row for row in rows if row.loop.kind == "drive" and row.loop.joint in v]:
             given = ", ".join(f"{row.loop.name!r} gives {row.loop.joint} {-row.rate(t, q)[0]:.6g}" for row in driven)
             advice = f"drive {given} at t = {t:g} s; leave out the driven joints"

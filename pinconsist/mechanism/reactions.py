@@ -12,6 +12,9 @@ import pinocchio as pin
 from ..errors import InputError
 from .checks import choice, near, read_only
 from .checks import name as checked_name
+from .custom import Constraint
+from .forces.force import ForceRecord, label_of
+from .forces.piecewise import Piecewise
 from .loops import Loop
 from .mechanism import Mechanism
 from .peaks import HasPeaks
@@ -150,7 +153,8 @@ class JointForce(_Wrench):
     It balances the child body and all bodies beyond it: inertial forces, weights, loops and forces on bodies. Torques
     of drives, actuators, springs, damping and friction of joints, and user-defined torques and constraints, act in
     the joints: they are the components along the joint's free axes, less the torque that accelerates a rotor. A free
-    joint transmits nothing.
+    joint transmits nothing. If a user-defined force acts on bodies, as that of a floor does, the joints between it and
+    the ground also carry it; that is not known here, see ``taken_as_torques``.
 
     Attributes
     ----------
@@ -165,6 +169,9 @@ class JointForce(_Wrench):
         parent receives the opposite, there too.
     not_unique, shared_with, resultant_of, resultant_force, resultant_moment
         As in :class:`Reaction`, of the child, about the same point.
+    taken_as_torques : tuple of str
+        The user-defined torques and constraints of the mechanism. A :class:`~pinconsist.Wrench` and a
+        :class:`~pinconsist.SpringDamper` act at their points.
     """
 
     joint: str
@@ -177,10 +184,14 @@ class JointForce(_Wrench):
     resultant_of: tuple[str, ...] = ()
     resultant_force: np.ndarray | None = field(default=None, repr=False)
     resultant_moment: np.ndarray | None = field(default=None, repr=False)
+    taken_as_torques: tuple[str, ...] = ()
     _at: Callable | None = field(default=None, repr=False)
 
     def __str__(self):
-        return f"joint {self.joint!r} of the tree, on its child: {', '.join(self._sizes())}{self._doubts()}"
+        text = f"joint {self.joint!r} of the tree, on its child: {', '.join(self._sizes())}{self._doubts()}"
+        if self.taken_as_torques:
+            text += f"; {listed(self.taken_as_torques)}: taken for torques in joints, not for forces on bodies"
+        return text
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,7 +296,15 @@ def joint_force(states: States, name: str, axes: str = "world", compliance=None)
 
     transmission = states.transmission(lam=lam)
     doubts = _doubts(states, stress, (JOINT, name), axes, lam, transmission)
+    doubts["taken_as_torques"] = _user_defined(mechanism)
     return replace(found(states, lam, transmission), **doubts, _at=_elsewhere(states, compliance, found))
+
+
+def _user_defined(mechanism) -> tuple[str, ...]:
+    """The names of the forces and constraints that are functions of the user, whose points are not known."""
+    laws = [each.force if isinstance(each, Piecewise) else each for each in mechanism.forces]
+    constraints = [loop.name for loop in mechanism.loops if isinstance(loop, Constraint)]
+    return (*constraints, *(label_of(law) for law in laws if not isinstance(law, ForceRecord)))
 
 
 def _elsewhere(states: States, compliance, found):

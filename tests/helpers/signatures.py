@@ -24,7 +24,8 @@ PARAMETERS = {  # those after the bar by name only
     "Impact": "joint | upper lower frame plane restitution name",
     "InverseDynamics": "mechanism t q v a lam torques",
     "JointDamping": "coefficients",
-    "JointForce": "joint axes t force moment not_unique shared_with resultant_of resultant_force resultant_moment",
+    "JointForce": "joint axes t force moment not_unique shared_with resultant_of resultant_force resultant_moment "
+    "taken_as_torques",
     "JointFriction": "coefficients width",
     "JointSpring": "joint stiffness rest",
     "JointTorque": "torques",

@@ -154,7 +154,8 @@ class Source:
         self._include(root, files)
         if root.find("body") is not None:  # MuJoCo ignores it silently
             raise FormatError("<body> belongs in <worldbody>", path=self._files[root])
-        keys = [key for key in root.findall("keyframe/key") if "qpos" in key.attrib and name == _MAIN]
+        keys = root.findall("keyframe/key") if name == _MAIN else []
+        keys = [key for key in keys if "qpos" in key.attrib] or [key for key in keys if "ctrl" in key.attrib]
         for section in root.findall("keyframe"):
             section[:] = [key for key in section if key in keys[:1]]
         compiler = {key: value for node in root.findall("compiler") for key, value in node.attrib.items()}
