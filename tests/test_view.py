@@ -191,6 +191,27 @@ def test_bodies_too_thin_to_be_seen_have_bars():
             np.testing.assert_allclose(shape.placement.translation, (0.5, 0.0, 0.0), atol=1e-12)
 
 
+@pytest.mark.parametrize("carries", [False, True])
+def test_a_leaf_with_a_shape_has_a_lever_only_to_a_point_that_there_is(tmp_path, carries):
+    """Its inertia is that of a rod of 0.9 m, and its box ends at 0.3 m."""
+    file = tmp_path / "leg.urdf"
+    file.write_text("""<robot name="leg"><link name="base"/><link name="calf">
+        <inertial><mass value="1"/><origin xyz=".45 0 0"/><inertia ixx="1e-3" iyy=".0675" izz=".0675" ixy="0" ixz="0"
+        iyz="0"/></inertial><visual><origin xyz=".15 0 0"/><geometry><box size=".3 .1 .1"/></geometry></visual></link>
+        <joint name="knee" type="continuous"><parent link="base"/><child link="calf"/><axis xyz="0 1 0"/></joint>
+        </robot>""")
+    mech = load(file)
+    if carries:
+        mech = mech.with_loops(Loop("toe", "distance", "calf", xyz1=(0.8, 0.0, 0.0), xyz2=(0.0, 1.0, 0.0), length=1.3))
+    poses = body_poses(mech.model, np.zeros((1, 1)))
+    shapes = simple_shapes(mech, poses, 1.0, covering(visuals(mech)))
+    levers = [shape for shape in shapes if shape.node == 1 and not shape.loop]
+    assert len(levers) == carries
+    if carries:
+        ends = levers[0].points @ (1.0, 0.0, 0.0)
+        np.testing.assert_allclose((ends.min(), ends.max()), (0.3, 0.8), atol=1e-9)
+
+
 COLOURED = ["andrews", "crank_rocker", "five_bar", "flyball_governor", "four_bar", "jansen_leg", "slider_crank"]
 
 

@@ -82,11 +82,11 @@ def buffer(points: np.ndarray, triangles: np.ndarray | None = None) -> dict:
     return {"type": "BufferGeometry", "data": data}
 
 
-def link_ends(mech: Mechanism) -> dict[int, list[np.ndarray]]:
+def link_ends(mech: Mechanism, shaped=()) -> dict[int, list[np.ndarray]]:
     """For each joint the points of its body to which a link is drawn from the joint's origin.
 
-    Origins of the joints it carries, anchors of loops, points of springs and wrenches, and for a bare leaf the end of a
-    rod with its inertia.
+    Origins of the joints it carries, anchors of loops, points of springs and wrenches, and for a bare leaf, which is
+    not one of the joints `shaped` by a file, the end of a rod with its inertia.
     """
     model = mech.model
     ends = {joint: [] for joint in range(1, model.njoints)}
@@ -96,7 +96,8 @@ def link_ends(mech: Mechanism) -> dict[int, list[np.ndarray]]:
         if joint:
             ends[joint].append(point.copy())
     for joint, inertia in zip(ends, list(model.inertias)[1:], strict=True):
-        if not ends[joint] and inertia.mass > 0:  # beyond the centre of mass by half a uniform rod with this inertia
+        bare = not ends[joint] and joint not in shaped
+        if bare and inertia.mass > 0:  # beyond the centre of mass by half a uniform rod with this inertia
             half = np.sqrt(3 * np.linalg.eigvalsh(inertia.inertia)[-1] / inertia.mass)
             reach = max(np.linalg.norm(inertia.lever), 1e-300)
             ends[joint].append(inertia.lever * (1 + min(half / reach, 1.0)))
@@ -150,7 +151,8 @@ def simple_shapes(mech: Mechanism, poses: np.ndarray, size: float, covered=None)
     """
     covered = covered or {}
     radius = LINK * size
-    out, fixed, of_bodies = [], [], link_ends(mech)
+    thick = {joint for joint, (low, high) in covered.items() if not _thin(low, high, radius)}
+    out, fixed, of_bodies = [], [], link_ends(mech, shaped=thick)
     colors = link_colors(mech, poses, of_bodies)
     for joint, ends in of_bodies.items():
         rail = _rail(mech, joint, poses, size)
@@ -178,9 +180,14 @@ def _levers(joint: int, ends, covered, radius: float, color: int) -> list[Shape]
     low, high = covered
     outside = [end for end in ends if (end < low - radius).any() or (end > high + radius).any()]
     out = [cylinder(joint, np.clip(end, low, high), end, 0.6 * radius, color=color) for end in outside]
-    if np.sort(high - low)[1] < 2 * THIN * radius:
+    if _thin(low, high, radius):
         out += [cylinder(joint, np.zeros(3), end, THIN * radius, color=color) for end in _apart(ends, radius)]
     return out
+
+
+def _thin(low: np.ndarray, high: np.ndarray, radius: float) -> bool:
+    """Whether a body between these coordinates, shape (3,), is too thin to be seen."""
+    return bool(np.sort(high - low)[1] < 2 * THIN * radius)
 
 
 def _apart(ends, radius: float) -> list[np.ndarray]:
