@@ -295,3 +295,18 @@ def test_forces_near_knots_are_those_of_their_side(tmp_path, method, knots, offs
         found = each.at(times, scene)
         np.testing.assert_allclose(found.lam[:, 0], 2.0 * (9.81 + road_acceleration(times)), atol=3e-5 * size)
         np.testing.assert_allclose(found.acceleration("z", scene), road_acceleration(times), atol=3e-5 * size)
+
+
+def test_splines_that_swing_far_beyond_their_table_are_told(recwarn):
+    """Through a bump of 5 cm between long rests the spline goes to -29 cm."""
+    times, values = [0.0, 1.0, 1.05, 1.15, 1.2, 3.0], [0.0, 0.0, 0.05, 0.05, 0.0, 0.0]
+    drive = pc.Drive("bump", "road", (times, values))
+    assert min(drive.curve(t) for t in np.linspace(0.0, 3.0, 200)) < -0.28
+    assert "goes from -0.2888 to 0.06927, far beyond its values, 0 … 0.05" in str(recwarn[0].message)
+    pchip = PchipInterpolator(times, values)  # what it advises
+    assert min(pchip(t) for t in np.linspace(0.0, 3.0, 200)) >= 0.0
+    pc.Drive("bump", "road", pchip)
+    rng = np.random.default_rng(1)
+    for _ in range(100):
+        pc.Drive("any", "road", (np.arange(12.0), rng.normal(size=12)))
+    assert len(recwarn) == 1

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
 from ..errors import InputError
-from .checks import finite_array
+from .checks import finite_array, warn
 from .sampling import Change
+
+SWING = 0.5  # of the range of the values; through values at even times, splines do not swing that far
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,20 @@ class Spline:
         if (np.diff(times) <= 0.0).any():
             hint = "; for a list of points pass their transpose" if len(times) == 2 else ""
             raise InputError(f"{what}: the times of a table must increase, got {times.tolist()}{hint}")
-        return cls(tuple(times.tolist()), tuple(values.tolist()))
+        found = cls(tuple(times.tolist()), tuple(values.tolist()))
+        found._warn_of_swings(what)
+        return found
+
+    def _warn_of_swings(self, what):
+        """Warn if it goes far beyond its values, as through times of uneven distances."""
+        inside = np.concatenate([np.linspace(*ends, 17) for ends in pairwise(self.times)])
+        curve, low, high = self._curves[0](inside), min(self.values), max(self.values)
+        if max(low - curve.min(), curve.max() - high) > SWING * (high - low):
+            warn(
+                f"{what}: the cubic spline through its table goes from {curve.min():.4g} to {curve.max():.4g}, far "
+                f"beyond its values, {low:g} … {high:g}, as the distances of its times are uneven. Give more values "
+                "where it rests, or pass scipy.interpolate.PchipInterpolator(times, values)"
+            )
 
     @cached_property
     def _curves(self):
