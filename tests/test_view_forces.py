@@ -416,8 +416,11 @@ def test_of_a_saved_run_nothing_is_told_that_needs_forces_that_are_missing(tmp_p
     with pytest.raises(pc.InputError, match="the run had 1 forces"):
         sol.acceleration("rocker", mech)
     page = shown(mech, read, forces=True, beside=True)
+    (note,) = page["panel"]["notes"]
+    assert note.startswith("joint forces and energies are missing: the run had 1 forces besides the model's own, but")
     assert not group_of(page, "joint forces") and not drawn(page, "/joint forces") and group_of(page, "forces")
     whole = shown(mech.add_forces(push), read, forces=True, beside=True)
+    assert whole["panel"]["notes"] == []
     assert group_of(whole, "joint forces")["rocker"] == pytest.approx(sol.joint_force("rocker").peak().value, rel=5e-3)
 
 

@@ -13,7 +13,7 @@ from ..mechanism.names import position_names, position_units
 from ..mechanism.rows import LoopRows
 from .arrows import FORCE, TRUE, UNITS, actions, joint_wrenches, of_joint, true_actions
 from .filled import ROWS, filled
-from .motion import Run, body_poses
+from .motion import Run, body_poses, without_forces
 
 SHARED = " *"  # behind the name of a force that is not unique
 SMALL = 1e-5  # of the largest force of a joint: smaller ones are rounding
@@ -29,9 +29,12 @@ def panel(runs: list[Run], size: float, without, planar: bool) -> dict:
 
     ``whole`` says whether these are all rows. A curve of a loop or a motor names it and the bodies between which it
     acts, by which the page finds its force; true values have a colour. ``shared`` are forces that are not unique.
+    ``notes`` say what is missing.
     """
     groups: dict[str, dict] = {}
     times = []
+    reasons = dict.fromkeys(filter(None, map(without_forces, runs)))
+    notes = [f"joint forces and energies are missing: {reason}" for reason in reasons]
     for number, run in enumerate(runs):
         run = replace(run, true=None) if number else run  # the true run is the same for all
         fine = _fine(run)
@@ -44,7 +47,7 @@ def panel(runs: list[Run], size: float, without, planar: bool) -> dict:
                 curve |= {"name": label + SHARED, "shared": True}
             groups.setdefault(group, {"name": group, "unit": unit, "curves": []})["curves"].append(curve)
     whole = all(len(run.t) <= ROWS and not run.continuous for run in runs)
-    return {"times": times, "whole": whole, "groups": list(groups.values())}
+    return {"times": times, "whole": whole, "groups": list(groups.values()), "notes": notes}
 
 
 def _telling(run: Run) -> np.ndarray:

@@ -49,27 +49,13 @@ class Run:
         mech = _as_simulated(mech, sol)
         if forces or getattr(sol, "held", None):
             mech = replayed(mech, sol)
-        needs, widths = f"a replay of {mech.name!r} needs", {"q": mech.nq}
-        if forces:
-            widths |= {"lam": mech.nc} | ({"v": mech.nv} if motors(mech) else {})
-        if absent := [name for name in ("t", *widths) if not hasattr(sol, name)]:
-            raise InputError(f"{needs} a solution; {type(sol).__name__} has no {absent[0]}")
-        t, *rest = (finite_array(getattr(sol, name), f"the solution's {name}") for name in ("t", *widths))
-        found = dict(zip(widths, rest, strict=True))
-        if t.ndim != 1 or not t.size:
-            raise InputError(f"{needs} t of shape (n,), n ≥ 1, got {t.shape}")
-        for name, array in found.items():
-            if array.shape != (t.size, widths[name]):
-                raise InputError(f"{needs} {name} of shape ({t.size}, {widths[name]}), got {array.shape}")
-        for name, width in {"lam": mech.nc, "v": mech.nv}.items():  # for curves, if they can be used
-            given = np.asarray(getattr(sol, name, np.nan))
-            if name not in found and given.shape == (t.size, width) and np.isfinite(given).all():
-                found[name] = given
+        columns = _columns(mech, sol, forces)
+        t = columns["t"]
         elapsed = np.abs(t - t[0])
         if np.any(np.diff(elapsed) < 0):
             raise InputError("the solution's times run both forward and backward")
         consistency = getattr(sol, "method", {}).get("consistency", "")
-        return cls(mech, title, consistency, elapsed, t, source=sol, **found)
+        return cls(mech, title, consistency, elapsed, source=sol, **columns)
 
     def workspace(self) -> Workspace:
         """The workspace for measurements: that of the solution, which may evaluate all rows at once."""
@@ -137,9 +123,48 @@ def accelerations_of(run: Run) -> np.ndarray | None:
         return None
 
 
+def without_forces(run: Run) -> str:
+    """Why what needs the forces of the run is not known; empty if it is."""
+    if not hasattr(run.source, "acceleration"):
+        return ""
+    try:
+        only(run.source, slice(0, 1)).acceleration(None, run.mech)
+    except InputError as error:
+        return str(error)
+    except PinconsistError:  # a singular position
+        return ""
+    return ""
+
+
 def motors(mech: Mechanism) -> list:
     """The servos, actuators and joint torques of a mechanism, whose torques depend on the velocity."""
     return [force for force in mech.forces if isinstance(force, JointTorque | Servo | Actuator | Held)]
+
+
+def _columns(mech: Mechanism, sol, forces: bool) -> dict[str, np.ndarray]:
+    """The times of a solution, its positions, and multipliers and velocities: those that `forces` need, others if any.
+
+    Raises InputError if what is needed is missing, not finite or of another shape.
+    """
+    needs = f"a replay of {mech.name!r} needs"
+    widths = {"q": mech.nq}
+    if forces:
+        widths |= {"lam": mech.nc} | ({"v": mech.nv} if motors(mech) else {})
+    for name in ("t", *widths):
+        if not hasattr(sol, name):
+            raise InputError(f"{needs} a solution; {type(sol).__name__} has no {name}")
+    found = {name: finite_array(getattr(sol, name), f"the solution's {name}") for name in ("t", *widths)}
+    rows = found["t"].shape
+    if len(rows) != 1 or rows == (0,):
+        raise InputError(f"{needs} t of shape (n,), n ≥ 1, got {rows}")
+    for name, width in widths.items():
+        if found[name].shape != (*rows, width):
+            raise InputError(f"{needs} {name} of shape ({rows[0]}, {width}), got {found[name].shape}")
+    for name, width in {"lam": mech.nc, "v": mech.nv}.items():  # for curves, if they can be used
+        values = np.asarray(getattr(sol, name, np.nan))
+        if name not in found and values.shape == (*rows, width) and np.isfinite(values).all():
+            found[name] = values
+    return found
 
 
 def _as_simulated(mech: Mechanism, sol) -> Mechanism:

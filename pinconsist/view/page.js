@@ -112,6 +112,7 @@ if (first) {
   added(header, "strong", {textContent: first.wrong, className: first.ok ? "ok" : "look"});
   added(header, "span", {textContent: first.verdict});
 }
+for (const textContent of replay.panel?.notes ?? []) added(element("panel"), "div", {className: "aside look", textContent});
 
 // What is under the pointer
 const hint = element("hint"), ray = new Raycaster(), pointer = new Vector2();

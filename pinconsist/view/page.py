@@ -147,7 +147,8 @@ def notebook_html(sol, mechanism) -> str:
     """The text of a solution and, if the packages are installed, its picture and page."""
     parts = [f"<pre>{escape(repr(sol))}</pre>"]
     with suppress(MissingExtraError):
-        plot_solution(sol, mech=mechanism).savefig(image := BytesIO(), format="png", dpi=DOTS)
+        image = BytesIO()
+        plot_solution(sol, mech=mechanism).savefig(image, format="png", dpi=DOTS)
         data = b64encode(image.getvalue()).decode()
         parts.append(f'<img alt="the solution over time" src="data:image/png;base64,{data}"/>')
     with suppress(MissingExtraError):
