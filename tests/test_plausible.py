@@ -186,3 +186,21 @@ def test_a_mechanism_that_is_too_large_for_the_machine_is_refused(monkeypatch):
     with pytest.raises(pc.InputError, match=r"chain_16: 16 velocities are too many: .* this machine has 0 GB"):
         pc.simulate(mech, (0.0, 0.1))
     assert pc.simulate(pc.load("chain_8"), (0.0, 0.01)).success
+
+
+def test_degrees_are_told(tmp_path, recwarn):
+    """Angles of more than a turn: in the URDF, at anchors, in the guess, in an SDF pose."""
+    body = arm().replace('<origin xyz="0.6 0 0"/>', '<origin xyz="0.6 0 0" rpy="0 90 0"/>')
+    body = body.replace('<origin xyz="0.3 0 0"/>', '<origin xyz="0.3 0 0" rpy="3.14159 -6.283185 0"/>', 1)  # rad
+    loops = "loops:\n- {name: p, kind: point, frame1: upper, frame2: lower, rpy1: [0, 0, -45], rpy2: [0, 0, 1.5]}\n"
+    pc.load(urdf_texts.write(tmp_path, body, loops + "guess: {elbow: 30, shoulder: -6.2}\n"))
+    first, second = told(recwarn).splitlines()
+    assert "joint 'elbow': origin has an angle of 90 rad, more than a full turn; write 1.5708 for 90 degrees" in first
+    assert "loop 'p': rpy1" in second and "guess: elbow has an angle of 30 rad" in second and "shoulder" not in second
+    chain = sdf_texts.A + sdf_texts.link("b", "{}0 0 0 0 90 0") + sdf_texts.joint()
+    (folder := tmp_path / "turned").mkdir()
+    before = len(recwarn)
+    pc.load(sdf_texts.write(folder, chain.replace("<pose>{}", '<pose degrees="true">')))
+    assert len(recwarn) == before
+    pc.load(sdf_texts.write(folder, chain.replace("{}", "")))
+    assert "link 'b': pose has an angle of 90 rad" in str(recwarn[-1].message) and len(recwarn) == before + 1

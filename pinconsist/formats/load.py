@@ -1,6 +1,7 @@
 """Files, names and Pinocchio's own objects → Mechanism."""
 
 import os
+import re
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -13,7 +14,7 @@ from ..mechanism.checks import choice, flag, several, warn
 from ..mechanism.loops import GROUND, Loop, anchor
 from ..mechanism.mechanism import Geometry, Mechanism
 from . import catalogue, loopfile
-from .plausible import warn_of_inertias, warn_of_units
+from .plausible import warn_of_degrees, warn_of_inertias, warn_of_units
 from .reading import located
 
 _CLOSURES = ("point", "frame", "hinge")
@@ -128,6 +129,7 @@ def read_scene(
     if loop_path is None and not scene.content:
         loopfile.warn_of_other_files(path)
     warn_of_units(path, model)
+    warn_of_degrees(loop_path, _angles(record, model))
     closures = _closed_by(closures, closure)
     if robot.ignored:
         warn(f"{path}: without effect here: {', '.join(robot.ignored)}")
@@ -143,6 +145,17 @@ def read_scene(
             duration=record.duration,
             ignored=robot.ignored,
         )
+
+
+def _angles(record, model):
+    """(element, angles) of a loop file: those of its anchors, and its guess."""
+    for loop in (each for each in record.loops if isinstance(each, Loop)):
+        yield f"loop {loop.name!r}: rpy1", loop.rpy1
+        yield f"loop {loop.name!r}: rpy2", loop.rpy2
+    kinds = {name: joint.shortname() for name, joint in zip(model.names, model.joints, strict=True)}
+    for joint, value in record.guess.items():
+        if re.match("JointModelR(X|Y|Z|evolute)", kinds[joint]):
+            yield f"guess: {joint}", np.ravel(value).tolist()
 
 
 def _of_model(source, loops, closure) -> Mechanism:

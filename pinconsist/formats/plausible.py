@@ -1,11 +1,11 @@
-"""Numbers of a file that are hardly meant: inertias that no body has, limits in the wrong order, other units.
+"""Numbers of a file that are hardly meant: inertias that no body has, limits in the wrong order, degrees, other units.
 
 A file with such numbers is simulated as it is, since none of them is impossible to simulate. A warning names each of
 them.
 """
 
 from collections.abc import Iterable, Iterator
-from math import sqrt
+from math import inf, radians, sqrt
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -18,6 +18,7 @@ UNBODILY = 10.0  # lengths of the longest body that a body must reach from its c
 MACHINE = 10.0  # m: typical bodies that are larger are rare, …
 LIGHT = 0.3  # kg/m: … and still heavier than this. Lengths in mm make a body of 1 kg and 0.3 m one of 0.003 kg/m
 CONSISTENT = 1000.0  # m/s²: with such a gravity, all lengths are meant in mm
+TURN = 7.0  # rad: a little more than a full turn; roll, pitch and yaw are smaller
 MOST_SHOWN = 3
 
 _DIAGONAL = ("ixx", "iyy", "izz")
@@ -40,6 +41,17 @@ def warn_of_limits(path, joints: Iterable[tuple[str, float, float]]) -> None:
         for element, lower, upper in joints
         if lower > upper
     ]
+    _warn_of(path, found)
+
+
+def warn_of_degrees(path, angles: Iterable[tuple[str, Iterable[float]]]) -> None:
+    """Warn of roll, pitch and yaw, or a guess, that are degrees; `angles` are (element, values)."""
+    found = []
+    for element, values in angles:
+        largest = max(values, key=abs, default=0.0)
+        if TURN < abs(largest) < inf:
+            degrees = f"write {radians(largest):.6g} for {largest:g} degrees"
+            found.append(f"{element} has an angle of {largest:g} rad, more than a full turn; {degrees}")
     _warn_of(path, found)
 
 
@@ -77,6 +89,14 @@ def inertias_of(robot: Element) -> Iterator[tuple[str, np.ndarray]]:
         if node is not None:
             xx, xy, xz, yy, yz, zz = (float(node.get(key, "0")) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
             yield f"link {link.get('name')!r}: inertial", np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def angles_of(robot: Element) -> Iterator[tuple[str, tuple[float, ...]]]:
+    """(element, roll, pitch and yaw) of the placements of joints and inertias of a checked ``<robot>``."""
+    for holder in (*robot.findall("joint"), *robot.findall("link")):
+        for origin in (holder.find("origin"), holder.find("inertial/origin")):
+            if origin is not None:
+                yield f"{holder.tag} {holder.get('name')!r}: origin", tuple(map(float, origin.get("rpy", "0").split()))
 
 
 def limits_of(robot: Element) -> Iterator[tuple[str, float, float]]:
@@ -117,4 +137,4 @@ def _sizes(model) -> np.ndarray:
 def _warn_of(path, found) -> None:
     if found:
         more = f" (and {len(found) - MOST_SHOWN} more)" * (len(found) > MOST_SHOWN)
-        warn(f"{path}: {'; '.join(found[:MOST_SHOWN])}{more}")
+        warn(f"{path}{': ' if path else ''}{'; '.join(found[:MOST_SHOWN])}{more}")

@@ -18,7 +18,7 @@ import pinocchio as pin
 from ..errors import FormatError
 from .ignored import COLLISIONS, LIMITS, Ignored
 from .joints import AS_WRITTEN, replaced
-from .plausible import inertias_of, limits_of, warn_of_inertias, warn_of_limits
+from .plausible import angles_of, inertias_of, limits_of, warn_of_degrees, warn_of_inertias, warn_of_limits
 from .reading import LARGEST, Node, RobotFile, parsed, read_bytes, require_known, text
 from .urdf_extensions import HARMLESS, ROBOT, count_extensions, springs, weightless_links
 from .urdf_loops import X_AXIS, ZERO, couplings, loop_joints, refuse_foreign, transmissions
@@ -50,6 +50,7 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), joint_t
     robot = checked(raw, name)
     warn_of_inertias(path, inertias_of(robot))
     warn_of_limits(path, limits_of(robot))
+    warn_of_degrees(path, angles_of(robot))
     ignored = _ignored(raw)
     loops, followers = loop_joints(raw), couplings(raw)
     types, joints = dict(joint_types or {}), {joint.get("name"): joint for joint in robot.findall("joint")}

@@ -15,6 +15,7 @@ import pinocchio as pin
 from ...errors import FormatError
 from ...mechanism.checks import warn
 from ...mechanism.loops import unit
+from ..plausible import warn_of_degrees
 from ..reading import Node, floats, near, require_known, short_repr
 
 WORLD = "world"
@@ -83,7 +84,10 @@ class SdfNode(Node):
         values = np.array(floats(found.text() or default, len(default.split()), found.name))
         turn = values[3:]
         if style == "euler_rpy":
-            rotation = pin.rpy.rpyToMatrix(np.radians(turn) if found.truth(found.get("degrees", "false")) else turn)
+            in_degrees = found.truth(found.get("degrees", "false"))
+            rotation = pin.rpy.rpyToMatrix(np.radians(turn) if in_degrees else turn)
+            if not in_degrees:
+                warn_of_degrees("", [(found.name, turn.tolist())])
         elif turn.any():
             rotation = pin.Quaternion(unit(turn)).toRotationMatrix()
         else:

@@ -137,7 +137,7 @@ class _Reader:
         limits = node.child("limit")
         lower, upper = limits.limit("lower", -math.inf), limits.limit("upper", math.inf)
         if lower > upper:
-            raise limits.error(f"lower {lower:g} is above upper {upper:g}")
+            raise limits.error(f"lower {lower:g} is above upper {upper:g}; exchange them")
         largest = [limits.limit(tag, math.inf) for tag in ("effort", "velocity")]
         bounds = (lower, upper, *(each if each >= 0 else math.inf for each in largest))  # negative: not enforced
         acting, follows = _dynamics(node.child("dynamics")), self._follower(node.child("mimic"))
