@@ -43,7 +43,7 @@ BAD_URDF = {
     "mass": (A.replace('mass value="1"', 'mass value="-1"') + B + joint(), "link 'a': inertial: the mass is negative"),
     "mass text": (A.replace('mass value="1"', 'mass value="1e999"') + B + joint(), "link 'a': inertial: mass: value="),
     "no mass": (A.replace('<mass value="1"/>', "") + B + joint(), "link 'a': inertial: <mass> is missing"),
-    "inertia": (A.replace('ixy="0"', 'ixy="0.5"') + B + joint(), "link 'a': inertial: a principal inertia is negative"),
+    "inertia": (A + B.replace('ixy="0"', 'ixy="0.5"') + joint(), "link 'b': inertial: a principal inertia is negative"),
     "no ixx": (A.replace('ixx="0.01"', "") + B + joint(), "link 'a': inertial: inertia: attribute 'ixx' is missing"),
     "shape": (
         '<link name="a"><visual><geometry><sphere radius="-1"/></geometry></visual></link>' + B + joint(),

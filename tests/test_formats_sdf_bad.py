@@ -184,7 +184,10 @@ BAD = {
     "mass": (inertial("<mass>-1</mass>"), "link 'a': inertial: the mass is negative: -1 kg"),
     "mass text": (inertial("<mass>heavy</mass>"), "link 'a': inertial: mass: 'heavy' is not a finite number"),
     "huge mass": (inertial("<mass>1e999</mass>"), "link 'a': inertial: mass: '1e999' is not a finite number"),
-    "inertia": (inertial("<inertia><ixx>-1</ixx></inertia>"), "link 'a': inertial: a principal inertia is negative"),
+    "inertia": (
+        A + link("b", "", "<inertial><inertia><ixx>-1</ixx></inertia></inertial>") + joint(),
+        "link 'b': inertial: a principal inertia is negative",
+    ),
     "inertia text": (
         inertial("<inertia><iyy/></inertia>"),
         "link 'a': inertial: inertia: iyy: '' is not a finite number",

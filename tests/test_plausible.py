@@ -204,3 +204,22 @@ def test_degrees_are_told(tmp_path, recwarn):
     assert len(recwarn) == before
     pc.load(sdf_texts.write(folder, chain.replace("{}", "")))
     assert "link 'b': pose has an angle of 90 rad" in str(recwarn[-1].message) and len(recwarn) == before + 1
+
+
+def test_only_inertias_that_have_an_effect_are_told_or_refused(tmp_path):
+    """Of a link on the ground, of a small part of a body, of a point that was rounded: as in public robots."""
+    wrong = 'ixx="1e-6" iyy="1e-6" izz="1e-6"', 'ixy="2e-6" ixz="0" iyz="0"'  # of an antenna, a principal one is -1e-6
+
+    def robot(inertia, mount, products='ixy="0" ixz="0" iyz="0"'):
+        part = f'<link name="part"><inertial><mass value="1e-3"/><inertia {inertia} {products}/></inertial></link>'
+        return arm() + part + urdf_texts.joint("weld", mount, "part", "fixed", "")
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for mount in ("base", "lower"):
+            pc.load(urdf_texts.write(tmp_path, robot(wrong[0], mount, wrong[1])))
+        pc.load(urdf_texts.write(tmp_path, arm('ixx="-5e-20" iyy="-5e-20" izz="0"')))
+    large = robot('ixx="0.1" iyy="0.1" izz="-0.1"', "base")
+    assert pc.load(urdf_texts.write(tmp_path, large)).nv == 2
+    with pytest.raises(pc.FormatError, match=r"link 'part': inertial: a principal inertia is negative: -0.1"):
+        pc.load(urdf_texts.write(tmp_path, large), free_flyer=True)

@@ -173,7 +173,7 @@ def _of_model(source, loops, closure) -> Mechanism:
         raise InputError(f"loops= of a pin.Model needs a sequence of constraint models or Loops, got {kind}")
     bodies = zip(list(model.names)[1:], list(model.inertias)[1:], strict=True)
     title = model.name or "mechanism"
-    warn_of_inertias(title, [(f"the body at joint {name!r}", inertia.inertia) for name, inertia in bodies])
+    warn_of_inertias(title, [(f"the body at joint {name!r}", whole.inertia, whole) for name, whole in bodies])
     warn_of_units(title, model)
     loops, model = loops_of(loops, model)
     return Mechanism(model, _closed_by(loops, closure), name=title)

@@ -11,8 +11,11 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import pinocchio as pin
 
+from ..errors import FormatError
 from ..mechanism.checks import warn
 
+NEGATIVE = 1e-9  # a moment of inertia, relative to the largest, below minus which it is not rounded
+POINT = 1e-12  # m²: bodies of a radius of gyration of 1 µm are points
 ROUNDED = 1e-2  # relative: numbers in files may have as few as two digits
 UNBODILY = 10.0  # lengths of the longest body that a body must reach from its centre of mass to have its inertia
 MACHINE = 10.0  # m: typical bodies that are larger are rare, …
@@ -24,12 +27,21 @@ MOST_SHOWN = 3
 _DIAGONAL = ("ixx", "iyy", "izz")
 
 
-def warn_of_inertias(path, bodies: Iterable[tuple[str, np.ndarray]]) -> None:
-    """Warn of inertias (3, 3), kg·m², about the centre of mass that no body has; `bodies` are (element, inertia).
+def warn_of_inertias(path, bodies: Iterable[tuple[str, np.ndarray, pin.Inertia]]) -> None:
+    """Warn of inertias (3, 3), kg·m², about the centre of mass that no body has.
 
     The density of a body is not negative anywhere, therefore no principal moment exceeds the sum of the others.
+    `bodies` are (element, inertia, that of all links that are rigidly attached), and what is small against the latter
+    has no effect. FormatError if a principal inertia of these is negative.
     """
-    found = [f"{element}: {reason}" for element, inertia in bodies if (reason := _not_of_a_body(inertia))]
+    found = []
+    for element, inertia, whole in bodies:
+        moments, of_whole = np.linalg.eigvalsh(inertia), np.linalg.eigvalsh(whole.inertia)
+        size = max(np.abs(of_whole).max(), POINT * whole.mass)
+        if moments[0] < 0.0 and -of_whole[0] > max(NEGATIVE * size, POINT * whole.mass):
+            raise FormatError(f"a principal inertia is negative: {moments[0]:.3g} kg m²", element=element)
+        if moments[2] - moments[0] - moments[1] > ROUNDED * size:
+            found.append(f"{element}: no body has this inertia: {_excess(inertia, moments)}. Check its axes and units")
     _warn_of(path, found)
 
 
@@ -82,13 +94,15 @@ def warn_of_units(path, model: pin.Model) -> None:
     _warn_of(path, found)
 
 
-def inertias_of(robot: Element) -> Iterator[tuple[str, np.ndarray]]:
-    """(element, inertia) of the links of a checked ``<robot>``."""
+def inertias_of(robot: Element, model: pin.Model) -> Iterator[tuple[str, np.ndarray, pin.Inertia]]:
+    """What :func:`warn_of_inertias` needs of the links of a checked ``<robot>`` that move in its model."""
     for link in robot.findall("link"):
         node = link.find("inertial/inertia")
-        if node is not None:
+        joint = model.frames[model.getFrameId(link.get("name"), pin.FrameType.BODY)].parentJoint
+        if node is not None and joint:
             xx, xy, xz, yy, yz, zz = (float(node.get(key, "0")) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
-            yield f"link {link.get('name')!r}: inertial", np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            yield f"link {link.get('name')!r}: inertial", inertia, model.inertias[joint]
 
 
 def angles_of(robot: Element) -> Iterator[tuple[str, tuple[float, ...]]]:
@@ -107,19 +121,13 @@ def limits_of(robot: Element) -> Iterator[tuple[str, float, float]]:
             yield f"joint {joint.get('name')!r}: limit", float(limit.get("lower")), float(limit.get("upper"))
 
 
-def _not_of_a_body(inertia) -> str:
-    moments = np.linalg.eigvalsh(inertia)
-    if moments[2] <= (1.0 + ROUNDED) * (moments[0] + moments[1]):
-        return ""
-    diagonal = not np.any(inertia - np.diag(np.diagonal(inertia)))
-    if diagonal:
+def _excess(inertia, moments) -> str:
+    """The largest moment of inertia, and the sum of the others."""
+    which, others = "its largest principal moment", "the sum of the others"
+    if not np.any(inertia - np.diag(np.diagonal(inertia))):
         largest = int(np.argmax(np.diagonal(inertia)))
-        a, b = (i for i in range(3) if i != largest)
-        which, others = _DIAGONAL[largest], f"{_DIAGONAL[a]} + {_DIAGONAL[b]}"
-    else:
-        which, others = "its largest principal moment", "the sum of the others"
-    least = f"{which} = {moments[2]:.4g} kg·m² is above {others} = {moments[0] + moments[1]:.4g}"
-    return f"no body has this inertia: {least}. Check its axes and units"
+        which, others = _DIAGONAL[largest], " + ".join(_DIAGONAL[i] for i in range(3) if i != largest)
+    return f"{which} = {moments[2]:.4g} kg·m² is above {others} = {moments[0] + moments[1]:.4g}"
 
 
 def _sizes(model) -> np.ndarray:

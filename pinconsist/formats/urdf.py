@@ -48,7 +48,6 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), joint_t
     raw = without_namespace(parsed(content))
     refuse_foreign(raw, ignore, content)
     robot = checked(raw, name)
-    warn_of_inertias(path, inertias_of(robot))
     warn_of_limits(path, limits_of(robot))
     warn_of_degrees(path, angles_of(robot))
     ignored = _ignored(raw)
@@ -64,6 +63,7 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), joint_t
     model = _built(urdf, free_flyer, {name: joint.get("type") for name, joint in joints.items()})
     for limits in (model.lowerPositionLimit, model.upperPositionLimit):
         limits[:] = np.where(np.abs(limits) < UNLIMITED, limits, np.copysign(np.inf, limits))
+    warn_of_inertias(path, inertias_of(robot, model))
     model = replaced(model, types) if types else model
     motors = transmissions(raw, model, UNLIMITED)
     actuated = tuple(dict.fromkeys(joint for motor in motors for joint in motor.arms))
@@ -165,10 +165,6 @@ def _inertial(out, node):
     SubElement(out, "mass", value=text(mass))
     inertia = node.child("inertia", required=True)
     values = [inertia.number(key) for key in INERTIA]
-    scale = max(map(abs, values)) or 1.0
-    smallest = np.linalg.eigvalsh(symmetric(values) / scale)[0]
-    if smallest < -1e-9:  # numbers in files are rounded
-        raise node.error(f"a principal inertia is negative: {smallest * scale:.3g} kg m²")
     SubElement(out, "inertia", {key: text(value) for key, value in zip(INERTIA, values, strict=True)})
 
 

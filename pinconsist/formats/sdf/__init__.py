@@ -57,11 +57,11 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=()) -> Robo
     document = Document(raw)
     joints = read_joints(document)
     robot = checked(in_urdf(document, [Path(folder).resolve() for folder in folders]), name)
-    warn_of_inertias(path, inertias_of(robot))
     graph = JointGraph(document, joints)
     if len(graph.roots) > 1:
         warn(f"{path}: no joints connect {', '.join(map(repr, graph.roots))} to each other or to the world")
     model, guess = build(document, graph, inertias(document), name, free_flyer)
+    warn_of_inertias(path, inertias_of(robot, model))
     if weightless(document):
         model.gravity.linear = np.zeros(3)
     motions = [motion for joint in graph.joints for motion in zip(joint.parts, joint.axes, strict=False)]
@@ -125,8 +125,10 @@ def inertias(document: Document) -> dict[str, pin.Inertia]:
     found = {}
     for name, body in document.bodies.items():
         node = body.node.child("inertial")
-        own = symmetric([node.child("inertia").value(key, each) for key, each in _DEFAULT_INERTIA.items()])
-        found[name] = node.pose()[0].act(pin.Inertia(node.value("mass", 1.0), np.zeros(3), own))
+        own = pin.Inertia.Zero()  # its constructor refuses what is negative by rounding
+        own.mass = node.value("mass", 1.0)
+        own.inertia = symmetric([node.child("inertia").value(key, each) for key, each in _DEFAULT_INERTIA.items()])
+        found[name] = node.pose()[0].act(own)
     return found
 
 
