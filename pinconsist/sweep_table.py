@@ -35,10 +35,16 @@ _loaded: dict[str, Mechanism] = {}
 
 
 def loaded(scene, *, anew=False) -> Mechanism:
-    """The mechanism of a scene, loaded once in each process; use `anew` if its files may have changed since."""
+    """The mechanism of a scene, loaded once in each process; use `anew` if its files may have changed since.
+
+    What is told at load is told then, and not again by every process.
+    """
     if anew or repr(scene) not in _loaded:
         _loaded.clear()
-        _loaded[repr(scene)] = scene.load()
+        with warnings.catch_warnings():
+            if not anew:
+                warnings.simplefilter("ignore")
+            _loaded[repr(scene)] = scene.load()
     return _loaded[repr(scene)]
 
 

@@ -391,3 +391,15 @@ def test_a_joint_of_several_degrees_of_freedom_cannot_be_varied():
     floating = pc.load("planar_pendulum", free_flyer=True)
     with pytest.raises(pc.InputError, match="several degrees of freedom"):
         put(floating, floating.joints[0], 1.0)
+
+
+def test_what_a_file_loses_is_told_once_and_not_by_each_process(tmp_path):
+    text = (Path(__file__).parents[1] / "models" / "planar_pendulum.urdf").read_text()
+    assert '<joint name="pendulum" type="continuous">' in text
+    limit = '<joint name="pendulum" type="revolute"><limit lower="-9" upper="9" effort="1" velocity="1"/>'
+    (tmp_path / "arm.urdf").write_text(text.replace('<joint name="pendulum" type="continuous">', limit))
+    command = [sys.executable, "-m", "pinconsist.cli", "sweep", "arm.urdf", "--vary", "pendulum=0:0.3:0.1"]
+    told = subprocess.run(
+        [*command, "--until", "0.1", "--workers", "2"], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert told.stderr.count("without effect here: limits of 1 joint") == 1
