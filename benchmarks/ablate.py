@@ -22,7 +22,7 @@ from pinconsist.dae.integrate import integrate
 from pinconsist.dae.output import Output
 from pinconsist.dae.tuning import WORTH, Switches
 from pinconsist.mechanism.system import MechanismSystem
-from pinconsist.options import method_of
+from pinconsist.options import Options
 from pinconsist.view.visuals import visuals
 
 from . import report
@@ -109,7 +109,7 @@ def timed_run(mech, until, variant, tol=1e-6, atol=1e-8):
     variant.before(mech)
     start = assemble(mech)
     system = MechanismSystem(mech, start.q)
-    method = method_of(span, "BDF", None, 5, tol, atol, "every-step", None, np.inf, None)
+    method = Options("BDF", rtol=tol, atol=atol).for_span(span)
     if variant.off:
         method = replace(method, switches=replace(method.switches, **{variant.off: False}))
     stepper = stepper_for(system, method)

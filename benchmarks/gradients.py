@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from itertools import product
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from .gradient_fit import fits
 from .gradient_reference import SIX, differences, slopes, worst
 from .gradient_scenes import SCENES, long_chain, swung
 
-TOLERANCES, METHODS = (1e-6, 1e-8), ("BDF", "Radau")
+TOLERANCES = (1e-6, 1e-8)
 
 
 @dataclass(frozen=True)
@@ -31,7 +30,6 @@ class Accuracy:
     """
 
     scene: str
-    method: str
     rtol: float
     steps: int
     dq: float
@@ -46,14 +44,14 @@ def accuracy(scenes=tuple(SCENES), tolerances=TOLERANCES) -> list[Accuracy]:
     for name, scene, mech in _made(scenes):
         times = np.linspace(0.0, scene.until, scene.rows)
         exact = differences(mech, scene.names, times, None, scene.v0, scene.relative, SIX)
-        for method, rtol in product(METHODS, tolerances):
-            run = {"t_eval": times, "method": method, "rtol": rtol, "atol": rtol}
+        for rtol in tolerances:
+            run = {"t_eval": times, "rtol": rtol, "atol": rtol}
             found = sensitivities(mech, scene.names, (0.0, scene.until), None, scene.v0, **run)
             parts, others = (found.dq, found.dv, found.dlam), exact
             if scene.nearly_dependent:
                 parts, others = ((*each[:2], _forces(found, each[2])) for each in (parts, others))
             back = _backwards(mech, scene, found, run)
-            rows.append(Accuracy(name, method, rtol, found.solution.nsteps, *worst(parts, others), back))
+            rows.append(Accuracy(name, rtol, found.solution.nsteps, *worst(parts, others), back))
     return rows
 
 
@@ -96,7 +94,6 @@ def _backwards(mech, scene, found, run):
 class Occurrences:
     """The largest errors of derivatives of event times, and of dq after a jump, over their largest values."""
 
-    method: str
     rtol: float
     jump: float
     load: float
@@ -121,15 +118,15 @@ def events(tolerances=TOLERANCES) -> list[Occurrences]:
 
     exact = slopes(beside, theta, 1e-2)
     rows = []
-    for method, rtol in product(METHODS, tolerances):
-        run |= {"method": method, "rtol": rtol, "atol": rtol}
+    for rtol in tolerances:
+        run |= {"rtol": rtol, "atol": rtol}
         found = sensitivities(build, theta, (0.0, 0.2), events=happens, **run)
         parts = zip((*found.event_times, found.dq), exact, strict=True)
         errors = (
             max(float(np.abs(part[..., i] - other[..., i]).max() / np.abs(other[..., i]).max()) for i in range(2))
             for part, other in parts
         )
-        rows.append(Occurrences(method, rtol, *errors))
+        rows.append(Occurrences(rtol, *errors))
     return rows
 
 
@@ -138,7 +135,6 @@ class Cost:
     """Process time of a run, s, and over it that of its derivatives at all steps; s, that of their starts."""
 
     scene: str
-    method: str
     steps: int
     run: float
     fixed: float
@@ -150,19 +146,20 @@ class Cost:
 def cost(scenes=tuple(SCENES), repeats=5, rtol=1e-8) -> list[Cost]:
     """The run, its derivatives with no parameter of the equations and with all, and all of it, in turn."""
     rows = []
-    for (name, scene, mech), method in product(_made(scenes), METHODS):
+    for name, scene, mech in _made(scenes):
         names, until, v0 = scene.names, scene.until, scene.v0
-        run = {"rtol": rtol, "atol": 1e-2 * rtol, "method": method}
+        run = {"rtol": rtol, "atol": 1e-2 * rtol}
         solution, legs, variants, base, *_ = prepared(
-            mech, names, (0.0, until), None, v0, None, None, (), None, rtol, 1e-2 * rtol, {"method": method}
+            mech, names, (0.0, until), None, v0, None, None, (), None, rtol, 1e-2 * rtol, {}
         )
         moving = sum(not variant.inert for variant in variants)
         still = Variants(("",), np.ones(1), base, {0: STILL}, [], None)
 
         def steps(parameters, legs=legs, base=base):
             for leg in legs:
-                residuals, (lines, columns) = parameters.residuals(leg.system), leg.seeds()[0].shape
-                leg.follow(base.index1(leg.system), residuals, np.zeros((lines, len(residuals), columns)))
+                residuals = parameters.residuals(leg.system)
+                start = np.zeros((len(residuals), leg.system.nx + leg.system.nv))
+                leg.follow(base.index1(leg.system), residuals, start)
                 leg.at(leg.t)
 
         def back(legs=legs, base=base):
@@ -172,7 +169,9 @@ def cost(scenes=tuple(SCENES), repeats=5, rtol=1e-8) -> list[Cost]:
                 leg.follow_back(base.index1(system), [], seeds)
 
         work = {
-            "run": lambda mech=mech, until=until, v0=v0, run=run: simulate(mech, (0.0, until), v0=v0, **run),
+            "run": lambda mech=mech, until=until, v0=v0, run=run: simulate(
+                mech, (0.0, until), v0=v0, method="Radau", **run
+            ),
             "fixed": lambda still=still: steps(still),
             "all": lambda variants=variants: steps(variants),
             "whole": lambda m=mech, n=names, u=until, v=v0, run=run: sensitivities(m, n, (0.0, u), None, v, **run),
@@ -182,7 +181,7 @@ def cost(scenes=tuple(SCENES), repeats=5, rtol=1e-8) -> list[Cost]:
         once, fixed = least["run"], least["fixed"]
         each = (least["all"] - fixed) / moving / once
         start = (least["whole"] - once - least["all"]) / len(names)
-        rows.append(Cost(name, method, solution.nsteps, once, fixed / once, each, start, least["back"] / once))
+        rows.append(Cost(name, solution.nsteps, once, fixed / once, each, start, least["back"] / once))
     return rows
 
 
@@ -191,7 +190,6 @@ class Many:
     """Process time of a run, s, and over it that of the derivative of one number by many parameters, with the run."""
 
     scene: str
-    method: str
     parameters: int
     steps: int
     run: float
@@ -201,17 +199,17 @@ class Many:
 def many(scenes=(swung, long_chain), repeats=5, rtol=1e-8) -> list[Many]:
     """The run and its gradient in turn."""
     rows = []
-    for scene, method in product(scenes, METHODS):
+    for scene in scenes:
         mech, names, until = scene()
-        run, unit = {"rtol": rtol, "atol": 1e-2 * rtol, "method": method}, np.eye(mech.nv)[0]
+        run, unit = {"rtol": rtol, "atol": 1e-2 * rtol}, np.eye(mech.nv)[0]
         end = (lambda t, q, v, lam: q[0]), (lambda t, q, v, lam, unit=unit: (unit, 0.0, 0.0))
         work = {
-            "run": lambda mech=mech, until=until, run=run: simulate(mech, (0.0, until), **run),
+            "run": lambda mech=mech, until=until, run=run: simulate(mech, (0.0, until), method="Radau", **run),
             "all": lambda m=mech, n=names, u=until, end=end, run=run: gradient(m, n, (0.0, u), terminal=end, **run),
         }
-        steps, least = simulate(mech, (0.0, until), **run).nsteps, report.least_times(work, repeats)
+        steps, least = simulate(mech, (0.0, until), method="Radau", **run).nsteps, report.least_times(work, repeats)
         once, whole = least["run"].process, least["all"].process
-        rows.append(Many(scene.__name__, method, len(names), steps, once, whole / once))
+        rows.append(Many(scene.__name__, len(names), steps, once, whole / once))
     return rows
 
 
@@ -223,22 +221,22 @@ def command(csv: report.Csv = None, as_json: output.Json = False) -> int:
     Example: python -m benchmarks gradients
     """
     output.require_writable(csv=csv)
-    measured = accuracy(), events(), cost(), many(), fits(TOLERANCES, METHODS)
+    measured = accuracy(), events(), cost(), many(), fits(TOLERANCES)
     exact, happened, costs, backwards, fit = ([asdict(row) for row in rows] for rows in measured)
     tables = {"accuracy": exact, "events": happened, "cost": costs, "many": backwards, "fits": fit}
     if report.in_files(csv, as_json, exact, **tables):
         return output.FINE
-    errors = ["scene", "method", "rtol>:.0e", "steps>", "dq>:.0e", "dv>:.0e", ("dλ>", "{dlam:.0e}")]
+    errors = ["scene", "rtol>:.0e", "steps>", "dq>:.0e", "dv>:.0e", ("dλ>", "{dlam:.0e}")]
     title = "errors over the largest, worst parameter (cassie: Jᵀ dλ); backwards against forwards (cassie: over terms)"
     report.table(exact, [*errors, ("backwards>", "{back:.0e}")], title)
     times = ("time of a jump>", "{jump:.0e}"), ("time of a load>", "{load:.0e}")
-    columns: list = ["method", "rtol>:.0e", *times, "dq>:.0e"]
+    columns: list = ["rtol>:.0e", *times, "dq>:.0e"]
     report.table(happened, columns, "\nthe same of event times, and of dq through a jump")
-    columns = ["scene", "method", "steps>", ("run [ms]>", report.scaled("run", 1e3, 1))]
+    columns = ["scene", "steps>", ("run [ms]>", report.scaled("run", 1e3, 1))]
     columns += [("fixed part>", "{fixed:.2f}"), ("a parameter>", "{parameter:.2f}"), ("backwards>", "{adjoint:.2f}")]
     columns += [("start of one [ms]>", report.scaled("start", 1e3, 1))]
     report.table(costs, columns, "\nprocess time of derivatives at all steps over that of the run, rtol 1e-8")
-    columns = ["scene", "parameters>:,", "method", "steps>:,"]
+    columns = ["scene", "parameters>:,", "steps>:,"]
     columns += [("run [ms]>", report.scaled("run", 1e3, 1)), "gradient>:.1f"]
     report.table(backwards, columns, "\nprocess time of run and gradient of one number over that of the run, rtol 1e-8")
     columns = ["way", "rtol>:.0e", ("χ²>", "{chi2:.2f}"), ("from optimum [σ]>", "{apart:.4f}")]

@@ -16,7 +16,7 @@ from pinconsist._core.steppers import stepper_for
 from pinconsist.cli import output
 from pinconsist.cli.scene import option
 from pinconsist.mechanism.system import MechanismSystem
-from pinconsist.options import method_of
+from pinconsist.options import Options
 
 from . import report
 from .against import against
@@ -52,7 +52,7 @@ def overhead(scene=SCENE, tolerances=(1e-6, 1e-7, 1e-8), repeats=9) -> list[Over
         times = []
         for _ in range(repeats):
             begun = time.perf_counter()
-            sol = simulate(mech, span, *start, rtol=tol, atol=tol)
+            sol = simulate(mech, span, *start, method="BDF", rtol=tol, atol=tol)
             run = (time.perf_counter() - begun) / sol.nsteps
             steps, seconds = _steps(system, begin, span[1], tol)
             times.append((seconds / steps, run, *_bare_calls(system, begin.q)))
@@ -107,7 +107,7 @@ def chain_steps(chains=None, repeats=3) -> list[ChainStep]:
 def _steps(system, start, until, tol=1e-6) -> tuple[int, float]:
     """Accepted steps, and the seconds that they took."""
     span = (0.0, until)
-    method = method_of(span, "BDF", None, 5, tol, tol, "every-step", None, np.inf, None)
+    method = Options("BDF", rtol=tol, atol=tol).for_span(span)
     stepper = stepper_for(system, method)
     stepper.begin(0.0, start.q, start.v, until)
     steps, begun = 0, time.perf_counter()

@@ -67,9 +67,9 @@ def sampled(scene, mech, period, **options):
 
 WAYS = {
     "step, Radau": (stepped, {"rtol": 1e-4}),
-    "step, Radau, order 5": (stepped, {"rtol": 1e-4, "max_order": 5}),
+    "step, Radau, order 5": (stepped, {"rtol": 1e-4, "order": 5}),
     "Sampled, Radau": (sampled, {"method": "Radau", "rtol": 1e-4}),
-    "Sampled, Radau, order 5": (sampled, {"method": "Radau", "rtol": 1e-4, "max_order": 5}),
+    "Sampled, Radau, order 5": (sampled, {"method": "Radau", "rtol": 1e-4, "order": 5}),
     "Sampled, BDF": (sampled, {"rtol": 1e-4}),
     "Sampled, Radau, callback": (sampled, {"method": "Radau", "rtol": 1e-4, "callback": lambda *row: None}),
 }

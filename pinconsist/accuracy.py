@@ -24,7 +24,7 @@ from .mechanism.names import velocity_names, velocity_units
 from .mechanism.pulses import brief_times
 from .mechanism.rows import Workspace
 from .mechanism.system import MechanismSystem
-from .options import looking, method_of
+from .options import Options, looking
 
 LOOKS = 1000  # of the finer run at what acts, at least: at a pulse that lasts a two-hundredth of the span five
 SHORTER = 0.3  # longest steps of the finer run, relative to those of a run: it looks at other times
@@ -120,7 +120,7 @@ def finer_run(solution, mechanism=None, patience=np.inf) -> FinerRun:
     """The finer run of a solution; NotEstimatedError if it fails or takes longer than `patience` (s)."""
     if not solution.success:
         raise NotEstimatedError("the run ended early")
-    if len(solution.t) < 2 or "max_order" not in solution.method:
+    if len(solution.t) < 2 or "order" not in solution.method:
         raise NotEstimatedError("there is no run to compare with" if len(solution.t) > 1 else "there is only one row")
     if not all(np.isfinite(part).all() for part in (solution.q, solution.v)):
         raise NotEstimatedError("numbers of the rows are not finite")
@@ -178,7 +178,7 @@ def _steps(name) -> int:
 def _method(solution, system, by_radau):
     """The method of the finer run; `by_radau` if its steps have to end at given times."""
     about = solution.method
-    name, order, step = about.get("method", "BDF"), about["max_order"], about["step"]
+    name, order, step = about.get("method", "BDF"), about["order"], about["step"]
     rtol, atol = (about.get(key, (tol, tol)) for key, tol in (("rtol", 1e-6), ("atol", 1e-8)))
     if by_radau:
         name, order, step = "Radau", None, None
@@ -196,8 +196,8 @@ def _method(solution, system, by_radau):
     order = None if name == "Radau" and step is None else order
     most = MOST_STEPS * (solution.nsteps + LOOKS)
     longest = min(SHORTER * about.get("max_step", np.inf), length / _steps(name))
-    method = method_of(span, name, step, order, rtol, atol, about["consistency"], None, longest, most)
-    return looking(method, system, span)
+    options = Options(name, step, order, rtol, atol, about["consistency"], None, longest, most)
+    return looking(options.for_span(span), system, span)
 
 
 def _rows(solution, most):

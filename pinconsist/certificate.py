@@ -19,7 +19,6 @@ from .mechanism.system import MechanismSystem
 
 OPEN = 1e-8  # m or rad, and m/s or rad/s: a loop with a larger gap is open
 UNCLEAR = 0.1 * OFF  # an energy balance that is off by more may be so because rows are few
-MOST_BY_ROWS = 5  # order of steps that rows resolve
 CONTACT = re.compile(
     "floor|contact pair|colliding|static collision"
 )  # of what is not modelled: bodies would fall through
@@ -348,7 +347,9 @@ def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
         where = f"{label} at t = {solution.t[i]:.6g} s"
     energy = None if mechanism is None else energy_of(solution, mechanism, workspace, system, found)
     seen = _seen(solution, finer)
-    balance, work_error = (0.0, 0.0) if energy is None else _balance(solution, energy, finer)
+    balance, work_error = 0.0, 0.0
+    if energy is not None:
+        balance, work_error = _balance(solution, energy, finer, lambda: solution.energy(mechanism))
     return Certificate(
         position=position,
         position_at=where,
@@ -417,11 +418,11 @@ def _branches(solution, system, finer) -> tuple[float, ...]:
     return branch_times(system, solution.t, solution.q) if finer is None else branch_times(system, finer.t, finer.q)
 
 
-def _balance(solution, energy, finer):
+def _balance(solution, energy, finer, by_states):
     """The error of the energy balance, and that of the work in it.
 
-    Where rows are few, the work is that along the finer run. Steps of Radau of high orders are longer than what a
-    spline through their rows can follow, and nothing in the rows tells.
+    Where rows are few, the work is that along the finer run, or ``by_states()``, which returns the energies with the
+    work by states between the rows.
     """
     balance = energy.balance_error
     if not _above(balance, UNCLEAR):
@@ -431,6 +432,5 @@ def _balance(solution, energy, finer):
         work, uncertain = work_of(finer)
         balance = replace(energy, error=total - total[0] - work).balance_error
         return balance, replace(energy, error=uncertain).balance_error if _above(balance, UNCLEAR) else 0.0
-    if largest(solution.order) > MOST_BY_ROWS:
-        return balance, np.inf
-    return balance, energy.work_error
+    energy = by_states()
+    return energy.balance_error, energy.work_error

@@ -17,12 +17,12 @@ from .mechanism.closing import LoopSolver
 from .mechanism.mechanism import Mechanism, with_added_forces
 from .mechanism.rank import require_nonsingular
 from .mechanism.system import MechanismSystem
-from .options import looking, method_of, span_of, warn_of_differences, without_backend
+from .options import Options, looking, span_of, warn_of_differences, without_backend
 from .solution import Solution
 
 
 def simulate(
-    mech, t_span, q0=None, v0=None, *, method="BDF", step=None, max_order=None, rtol=1e-6, atol=1e-8, forces=(),
+    mech, t_span, q0=None, v0=None, *, method=None, step=None, order=None, rtol=1e-6, atol=1e-8, forces=(),
     control=None, t_eval=None, dense_output=False, events=None, callback=None, consistency="every-step",
     first_step=None, max_step=np.inf, max_steps=None, backend=None,
 ) -> Solution:  # fmt: skip
@@ -41,14 +41,16 @@ def simulate(
     v0 : mapping or array, optional
         Mapping joint name → velocity: the named joints keep it, the others follow. Array (nv,): projected
         onto the constraints in the mass metric. Default: rest.
-    method : {"BDF", "Radau", "ImplicitEuler"}
-        BDF of variable order; Radau IIA, whose steps need no history; or implicit Euler (BDF-1).
+    method : {"Radau", "BDF", "ImplicitEuler"}, optional
+        Radau IIA, whose steps need no history; BDF of variable order; or implicit Euler (BDF-1). Default: Radau IIA;
+        BDF for mechanisms of more than 32 degrees of freedom, where it is faster if neither `step` nor `order` is
+        given, and for modes of `consistency` that Radau does not have.
     step : float, optional
-        Fixed step, s: the largest step not above it that divides the interval. ``max_order`` is then the order
-        throughout, 1 to 6, and Newton runs to rounding. Without it step and order vary (orders 1 to 5).
-    max_order : int, optional
-        BDF: highest order, 1 to 5 (default 5); with ``step`` the order throughout, 1 to 6. Radau: the order, 1, 3, 5, 9
-        or 13; by default it starts at 9 and varies. On the command line it is ``--order``.
+        Fixed step, s: the largest step not above it that divides the interval. The order is then the same throughout,
+        and Newton runs to rounding. Without it step and order vary.
+    order : int, optional
+        Radau: 1, 3, 5, 9 or 13; by default it starts at 9 and varies. BDF: the highest order, 1 to 5 (default 5); with
+        `step` the order throughout, 1 to 6.
     rtol, atol : float or (float, float)
         The accuracy of the run in positions and velocities, relative to the largest value of each coordinate and
         absolute; a pair (q, v) sets them separately. ``sol.error`` estimates what was achieved: a motion that amplifies
@@ -115,18 +117,19 @@ def simulate(
     mech = with_added_forces(mech, forces, "simulate")
     mech = mech if control is None else mech.with_control(control)
     span = span_of(t_span)
-    chosen = method_of(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps)
+    options = Options(method, step, order, rtol, atol, consistency, first_step, max_step, max_steps)
+    options.for_span(span)  # errors in the options come before those of the mechanism
     solver = LoopSolver(mech, span[0])
     solver.loop_rows.breakpoints.look_ahead(span[0], span[1], mech.guess, np.zeros(mech.nv), step is None)
     assembly = assembled(solver, q0, v0)
     system = MechanismSystem(mech, assembly.q, span[0], solver)
     require_nonsingular(system, assembly.q)
     output = _output(span, t_eval, dense_output, as_events(events, mech), callback)
-    return _integrated(system, span, assembly.q, assembly.v, chosen, output)
+    return _integrated(system, span, assembly.q, assembly.v, options, output)
 
 
 def integrate(
-    system, t_span, p0, v0, *, method="BDF", step=None, max_order=None, rtol=1e-6, atol=1e-8, t_eval=None,
+    system, t_span, p0, v0, *, method=None, step=None, order=None, rtol=1e-6, atol=1e-8, t_eval=None,
     dense_output=False, events=None, callback=None, consistency="every-step", first_step=None, max_step=np.inf,
     max_steps=None, backend=None,
 ) -> Solution:  # fmt: skip
@@ -141,7 +144,7 @@ def integrate(
     p0, v0 : array
         Initial position, on the constraint, and velocity. A velocity off the hidden constraint is accepted, because
         numerically consistent values are off it.
-    method, step, max_order, rtol, atol, t_eval, dense_output, events, callback, consistency, first_step, max_step, \
+    method, step, order, rtol, atol, t_eval, dense_output, events, callback, consistency, first_step, max_step, \
     max_steps, backend
         As in :func:`simulate`.
 
@@ -158,7 +161,8 @@ def integrate(
     """
     without_backend(backend)
     span = span_of(t_span)
-    chosen = method_of(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps)
+    options = Options(method, step, order, rtol, atol, consistency, first_step, max_step, max_steps)
+    options.for_span(span)
     p0, v0 = finite_array(p0, "p0"), finite_array(v0, "v0")
     system = system_of(system, span[0], p0, v0)
     phi = system.constraint(span[0], p0, system.rate(span[0], p0, v0))[0]
@@ -170,10 +174,11 @@ def integrate(
             "constraint, or use simulate(), which assembles"
         )
     events = as_events(events, getattr(system, "mechanism", None))
-    return _integrated(system, span, p0, v0, chosen, _output(span, t_eval, dense_output, events, callback))
+    return _integrated(system, span, p0, v0, options, _output(span, t_eval, dense_output, events, callback))
 
 
-def _integrated(system, span, p0, v0, chosen, output) -> Solution:
+def _integrated(system, span, p0, v0, options, output) -> Solution:
+    chosen = options.for_span(span, system.nv - system.nc)
     warn_of_differences(system, chosen)
     chosen = looking(chosen, system, span)
     with deferred(late=False) as interrupted:

@@ -14,8 +14,6 @@ from .errors import FormatError
 from .files import suffixed, written_whole
 
 FORMAT = 4
-READ = 2, 3, FORMAT
-"""Formats that are read; in format 2 there is no certificate, before format 4 there are no events."""
 ARRAYS = {"t": 1, "q": 2, "v": 2, "lam": 2, "h": 1, "order": 1}
 """Name → number of dimensions."""
 TYPES = {"order": np.int64}
@@ -52,7 +50,7 @@ def read(file) -> tuple[dict, Certificate | None]:
                 raise ValueError("its arrays are compressed")
         with np.load(file, allow_pickle=False) as stored:
             about = json.loads(str(stored["about"]))
-            if (written := about.pop("format", None)) not in READ:
+            if (written := about.pop("format", None)) != FORMAT:
                 writer = about.get("versions", {}).get("pinconsist")
                 by = f"pinconsist {writer}" if writer else "another version of pinconsist"
                 here = f"pinconsist {__version__}, which is installed here, reads format {FORMAT}"

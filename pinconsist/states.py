@@ -12,7 +12,7 @@ from .dae.output import Output
 from .errors import InputError, PinconsistError
 from .mechanism.checks import finite_array, warn
 from .mechanism.forces.held import jump_offset
-from .options import method_of
+from .options import Options
 
 APART = 0.1  # of the way of a step: if its repetition ends farther from its end than this, it is another motion
 
@@ -139,7 +139,7 @@ class Steps:
             order = int(self._solution.order[row])
             step, first = (h, None) if about["step"] is not None else (None, h)
         consistency = "every-step"
-        return method_of((t0, t1), "Radau", step, order, rtol, atol, consistency, first, np.inf, None)
+        return Options("Radau", step, order, rtol, atol, consistency, first).for_span((t0, t1))
 
 
 def quintic(t, h, start, end):

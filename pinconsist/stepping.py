@@ -23,7 +23,7 @@ from .mechanism.forces.actuators import BoundHeldActuator, programmed
 from .mechanism.mechanism import with_added_forces
 from .mechanism.rank import require_nonsingular
 from .mechanism.system import MechanismSystem
-from .options import method_of, positive_time, without_backend
+from .options import Options, positive_time, without_backend
 from .solution import Solution
 
 
@@ -68,7 +68,7 @@ class Simulation:
         The time at the start, s.
     method : {"Radau", "BDF", "ImplicitEuler"}
         A step of Radau starts from (q, v) alone. BDF has to restart in each :meth:`step`, which is costly.
-    step, max_order, rtol, atol, forces, events, max_step, backend
+    step, order, rtol, atol, forces, events, max_step, backend
         As in :func:`simulate`; ``events`` that are terminal end the run.
 
     Attributes
@@ -83,14 +83,14 @@ class Simulation:
     """
 
     def __init__(
-        self, mech, q0=None, v0=None, *, t0=0.0, method="Radau", step=None, max_order=None, rtol=1e-6, atol=1e-8,
+        self, mech, q0=None, v0=None, *, t0=0.0, method="Radau", step=None, order=None, rtol=1e-6, atol=1e-8,
         forces=(), events=None, max_step=np.inf, backend=None,
     ):  # fmt: skip
         without_backend(backend)
         mech = with_added_forces(mech, forces, "Simulation")
         self.mechanism, self._events = programmed(mech), as_events(events, mech)
         self._step, self._columns = step, {}
-        self._options = (method, step, max_order, rtol, atol, "every-step", None, max_step, None)
+        self._options = Options(method, step, order, rtol, atol, max_step=max_step)
         self._free = Lock()
         self.reset(q0, v0, t0)
 
@@ -130,7 +130,7 @@ class Simulation:
 
     def _stand(self, system, t, q, v, like=None):
         """Where a run will begin, with what controllers hold in the system of another run."""
-        self._method = method_of((t, t + 1.0), *self._options)
+        self._method = self._options.for_span((t, t + 1.0), system.nv - system.nc)
         self._stepper = stepper_for(system, self._method)
         self._record = Record(Output(events=self._events), (t, t + 1.0), self._stepper.full_multipliers, bool)
         self._watch = EventWatch(self._events, self._stepper, bool)

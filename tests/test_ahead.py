@@ -18,7 +18,7 @@ def run(options, ahead=True, monkeypatch=None):
     """A run, with steps made one at a time unless `ahead`."""
     if not ahead:
         monkeypatch.setattr(Stepper, "batch", 1)
-    return pc.simulate(pc.load(RUN[0]), RUN[1], **START, **options)
+    return pc.simulate(pc.load(RUN[0]), RUN[1], **START, **{"method": "BDF", **options})
 
 
 def turned(limit, **about):

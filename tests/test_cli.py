@@ -94,11 +94,24 @@ def test_simulate_prints_scene_summary_and_certificate(run):
 
 
 def test_simulate_is_the_python_call(run):
-    options = ("--at", "crank=0.3", "--with-velocity", "crank=2", "--step", 0.01, "--order", 2, "--from", 1)
+    options = (
+        "--at",
+        "crank=0.3",
+        "--with-velocity",
+        "crank=2",
+        "--step",
+        0.01,
+        "--order",
+        2,
+        "--method",
+        "BDF",
+        "--from",
+        1,
+    )
     code, out, _ = run("simulate", "four_bar", "--until", 1.1, *options, "--json")
     told = json.loads(out)
     sol = pinconsist.simulate(
-        pinconsist.load("four_bar"), (1, 1.1), {"crank": 0.3}, {"crank": 2}, step=0.01, max_order=2
+        pinconsist.load("four_bar"), (1, 1.1), {"crank": 0.3}, {"crank": 2}, step=0.01, order=2, method="BDF"
     )
     assert code == 0 and told["run"]["success"] and told["run"]["steps"] == 10
     assert list(told["end"]["q"].values()) == sol.q[-1].tolist()
@@ -196,7 +209,7 @@ def test_json_is_all_there_is_on_stdout(run):
         (["simulate", "four_bar", "--until", "nan"], "not finite"),
         (["simulate", "four_bar", "--step", "0.1", "0.2"], "0.2"),
         (["simulate", "four_bar", "--step", "-1"], "step must be a positive number"),
-        (["simulate", "four_bar", "--order", "9"], "1 to 5"),
+        (["simulate", "four_bar", "--method", "BDF", "--order", "9"], "1 to 5"),
         (["simulate", "four_bar", "--method", "Euler"], "unknown method 'Euler'"),
         (["simulate", "four_bar", "--consistency", "never"], "unknown consistency 'never'"),
         (["simulate", "four_bar", "--closure", "weld"], "--closure weld is not one of"),
@@ -468,7 +481,7 @@ def cut_short(monkeypatch):
             if t > 0.5:
                 raise KeyboardInterrupt
 
-        return simulate(mech, span, *start, **options | {"callback": stop})
+        return simulate(mech, span, *start, **options | {"callback": stop}, method="BDF")
 
     simulate = pinconsist.simulate
     monkeypatch.setattr("pinconsist.checkpoints.simulate", interrupted)
@@ -479,7 +492,7 @@ def interrupted_integrate(integrate, mech, span, q, v, **options):
     def stop(t, q, v, lam):
         raise KeyboardInterrupt
 
-    return integrate(mech, span, q, v, **options | {"callback": stop})
+    return integrate(mech, span, q, v, **options | {"callback": stop}, method="BDF")
 
 
 def test_an_interrupted_run_says_what_resume_will_do(run, cut_short):

@@ -79,7 +79,7 @@ def test_at_checkpoints_the_integration_begins_anew(tmp_path):
 
 CASES = {
     "variable": ("four_bar", (0.0, 2.0), 0.5, {"v0": {"crank": 3.0}}),
-    "fixed": ("four_bar", (0.0, 2.0), 0.5, {"v0": {"crank": 3.0}, "step": 0.01, "max_order": 3}),
+    "fixed": ("four_bar", (0.0, 2.0), 0.5, {"v0": {"crank": 3.0}, "step": 0.01, "order": 3}),
     "backwards": ("four_bar", (1.0, -1.0), 0.5, {"v0": {"crank": 3.0}}),
     "rotations": ("delta_robot", (0.0, 0.4), 0.1, {}),
     "asked times": ("four_bar", (0.0, 2.0), 0.5, {"t_eval": np.linspace(0.0, 2.0, 9)}),

@@ -115,7 +115,7 @@ def trajectory(mech, offset=0.0):
     order = [mech.joints.index(name) for name in LENGTHS]
     start = np.empty(3)
     start[order] = GUESS - offset
-    sol = pc.simulate(mech, (0.0, 1.0), start, step=1e-3, max_order=3)
+    sol = pc.simulate(mech, (0.0, 1.0), start, step=1e-3, order=3)
     assert sol.success
     return sol.q[:, order] + offset, sol.v[:, order]
 

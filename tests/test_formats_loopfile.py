@@ -258,7 +258,7 @@ def test_forces_of_a_file_are_those_of_code(robot):
     ]
     assert by_file.forces[:4] == tuple(forces[:4]) and by_file.forces[6:] == tuple(forces[6:])
     by_code = load(robot(CHAIN, "loops: []", name="plain")).add_forces(*forces)
-    runs = [pc.simulate(mech, (0.0, 0.5), step=0.005, max_order=3) for mech in (by_file, by_code)]
+    runs = [pc.simulate(mech, (0.0, 0.5), step=0.005, order=3) for mech in (by_file, by_code)]
     np.testing.assert_allclose(runs[0].q, runs[1].q, rtol=1e-12, atol=1e-12)
     assert runs[0].success and np.ptp(runs[0].q) > 0.1
     assert pickle.loads(pickle.dumps(by_file)).forces == by_file.forces  # all of it is plain data

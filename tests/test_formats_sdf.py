@@ -72,8 +72,8 @@ def test_four_bar_moves_as_the_urdf_one_does():
     assert sdf.joints == urdf.joints and [loop.kind for loop in sdf.loops] == ["hinge"]
     assert gap(sdf, sdf.guess) < 1e-14
     times = np.linspace(0.0, 2.0, 21)
-    for options in ({"step": 1e-3, "max_order": 4}, {"rtol": 1e-11, "atol": 1e-11, "t_eval": times}):
-        ours, theirs = (pc.simulate(each, (0.0, 2.0), **options) for each in (sdf, urdf))
+    for options in ({"step": 1e-3, "order": 4}, {"rtol": 1e-11, "atol": 1e-11, "t_eval": times}):
+        ours, theirs = (pc.simulate(each, (0.0, 2.0), **options, method="BDF") for each in (sdf, urdf))
         assert np.abs(ours.q - (theirs.q - urdf.guess)).max() < 1e-9
         assert np.abs(theirs.v).max() > 3 and np.abs(ours.v - theirs.v).max() < 1e-8
         forces = [np.linalg.norm(each.lam[:, :3], axis=1) for each in (ours, theirs)]  # other axes, one size
@@ -90,8 +90,8 @@ def test_four_bar_cut_elsewhere_moves_the_same(tmp_path, where):
     path.write_text(text[:at_end] + CUT + text[at_end:])
     whole, cut = pc.load(FOUR_BAR), pc.load(path)
     assert [loop.name for loop in cut.loops] == [where] and where not in cut.joints
-    options = {"step": 1e-3, "max_order": 4}
-    ours, theirs = (pc.simulate(each, (0.0, 0.5), **options) for each in (cut, whole))
+    options = {"step": 1e-3, "order": 4}
+    ours, theirs = (pc.simulate(each, (0.0, 0.5), **options, method="BDF") for each in (cut, whole))
     assert np.abs(theirs.q).max() > 0.3
     for bar in ("crank_bar", "coupler_bar", "rocker_bar"):
         poses = [frame_pose(mech.model, sol.q[-1], bar).homogeneous for mech, sol in ((cut, ours), (whole, theirs))]
@@ -110,10 +110,10 @@ def test_a_damped_net_of_hinges_loses_no_damping(tmp_path):
     assert (loop.kind, loop.frame1, loop.frame2) == ("frame", "coupler_rocker_end", "rocker_bar")
     relative = np.array([-1.0, -1.0, 1.0])  # rate of the fourth hinge
     brakes = pc.Torque(lambda t, q, v: -damping * (v + relative * (relative @ v)))
-    sol = pc.simulate(ours, (0.0, 1.0), step=1e-3, max_order=4)
-    reference = pc.simulate(urdf.add_forces(brakes), (0.0, 1.0), step=1e-3, max_order=4)
+    sol = pc.simulate(ours, (0.0, 1.0), step=1e-3, order=4, method="BDF")
+    reference = pc.simulate(urdf.add_forces(brakes), (0.0, 1.0), step=1e-3, order=4, method="BDF")
     assert np.abs(sol.q[:, [0, 1, 3]] - (reference.q - urdf.guess)).max() < 1e-9
-    free = pc.simulate(urdf, (0.0, 1.0), step=1e-3, max_order=4)
+    free = pc.simulate(urdf, (0.0, 1.0), step=1e-3, order=4, method="BDF")
     assert np.abs(free.q[-1] - reference.q[-1]).max() > 0.1
 
 

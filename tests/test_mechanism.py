@@ -33,7 +33,7 @@ def test_against_reduced_coordinate(name):
     q, v, forces = reduced_solution(linkage, start.q, 0.0, TIMES)
     errors = []
     for h in (1 / 400, 1 / 800):
-        sol = pc.simulate(mech, (0.0, 1.0), step=h, max_order=5)
+        sol = pc.simulate(mech, (0.0, 1.0), step=h, order=5, method="BDF")
         rows = np.searchsorted(sol.t, TIMES - 1e-9)
         found = (sol.q[rows], sol.v[rows], joint_forces(sol)[rows])
         errors.append([np.abs(a - b).max() for a, b in zip(found, (q, v, forces), strict=True)])
@@ -45,7 +45,7 @@ def test_against_reduced_coordinate(name):
 def test_every_multiplier_is_right_not_only_the_later_ones(name):
     mech, linkage = linkage_of(name)
     forces = reduced_solution(linkage, pc.assemble(mech).q, 0.0, np.linspace(0.0, 0.5, 201))[2]
-    sol = pc.simulate(mech, (0.0, 0.5), step=1 / 400, max_order=3)
+    sol = pc.simulate(mech, (0.0, 0.5), step=1 / 400, order=3, method="BDF")
     error = np.abs(joint_forces(sol) - forces).max(axis=1)
     assert error[:5].max() < 2 * error.max() and error.max() < 1e-3 * np.abs(forces).max()
 
@@ -62,7 +62,7 @@ def test_planar_closures_of_every_kind_give_the_same_motion():
         variant = mech.with_loops(
             pc.Loop("tip", kind, hinge.frame1, hinge.frame2, axis=hinge.axis if kind == "hinge" else None)
         )
-        runs[kind] = pc.simulate(variant, (0.0, 1.0), step=0.01, max_order=3)
+        runs[kind] = pc.simulate(variant, (0.0, 1.0), step=0.01, order=3, method="BDF")
         assert runs[kind].lam.shape[1] == variant.nc
     np.testing.assert_allclose(runs["hinge"].q, runs["point"].q, atol=1e-12)
     np.testing.assert_allclose(runs["hinge"].lam[:, :3], runs["point"].lam, atol=1e-8)
@@ -109,8 +109,8 @@ def planar_bars(with_pin_link):
 
 def test_frame_closure_with_a_massless_pin_link_is_the_hinge():
     """Six rows of rank three, one link without mass: the same four-bar."""
-    plain = pc.simulate(planar_bars(False), (0.0, 0.3), {"crank": -1.0}, step=0.005, max_order=3)
-    framed = pc.simulate(planar_bars(True), (0.0, 0.3), {"crank": -1.0}, step=0.005, max_order=3)
+    plain = pc.simulate(planar_bars(False), (0.0, 0.3), {"crank": -1.0}, step=0.005, order=3, method="BDF")
+    framed = pc.simulate(planar_bars(True), (0.0, 0.3), {"crank": -1.0}, step=0.005, order=3, method="BDF")
     np.testing.assert_allclose(framed.q[:, [0, 1, 3]], plain.q, atol=1e-11)
     np.testing.assert_allclose(framed.lam[:, [0, 2]], turned(framed, plain), atol=1e-7)
     np.testing.assert_allclose(framed.lam[:, [1, 3, 4, 5]], 0.0, atol=1e-8)  # a free pin transmits no moment
@@ -139,7 +139,7 @@ def rod():
 
 
 def test_distance_closure_is_the_massless_rod():
-    sol = pc.simulate(rod(), (0.0, PERIOD), step=PERIOD / 1000, max_order=5)
+    sol = pc.simulate(rod(), (0.0, PERIOD), step=PERIOD / 1000, order=5, method="BDF")
     np.testing.assert_allclose(sol.q[-1], [-1.0, 0.0], atol=1e-6)
     bottom = np.argmin(sol.q[:, 1])
     assert sol.lam[bottom, 0] == pytest.approx(-3 * G, rel=1e-4)  # m g + m v²/L with v² = 2 g L, pulling
@@ -148,7 +148,7 @@ def test_distance_closure_is_the_massless_rod():
 @pytest.mark.parametrize("count", [942, 1000, 1054, 1138, 1208, 1278])
 def test_turning_points_are_passed_at_rounding(count):
     """Velocities of 1e-9 m/s are differences of larger ones, and known as well as those."""
-    sol = pc.simulate(rod(), (0.0, PERIOD), step=PERIOD / count, max_order=5)
+    sol = pc.simulate(rod(), (0.0, PERIOD), step=PERIOD / count, order=5, method="BDF")
     assert sol.success, sol.message
     np.testing.assert_allclose(sol.q[-1], [-1.0, 0.0], atol=1e-6)
 
@@ -161,13 +161,13 @@ def test_hanging_weight_shows_sign_frame_and_unit_of_the_multipliers():
     model.addFrame(pin.Frame("body", free, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
     turn = (0.0, np.pi / 2, 0.0)
     loop = pc.Loop("weld", "frame", "universe", "body", rpy1=turn, rpy2=turn)
-    sol = pc.simulate(pc.Mechanism(model, [loop]), (0.0, 0.1), step=0.01, max_order=2)
+    sol = pc.simulate(pc.Mechanism(model, [loop]), (0.0, 0.1), step=0.01, order=2, method="BDF")
     # world up is -x of the turned anchor; gravity's moment 2 g 0.3 about +y of the world (and of the anchor) is held
     force, moment = sol.lam[-1, :3], sol.lam[-1, 3:]
     np.testing.assert_allclose(force, [-2 * G, 0, 0], atol=1e-9)
     np.testing.assert_allclose(moment, [0, -2 * G * 0.3, 0], atol=1e-9)
     swapped = pc.Loop("weld", "frame", "body", "universe", rpy1=turn, rpy2=turn)
-    other = pc.simulate(pc.Mechanism(model, [swapped]), (0.0, 0.1), step=0.01, max_order=2)
+    other = pc.simulate(pc.Mechanism(model, [swapped]), (0.0, 0.1), step=0.01, order=2, method="BDF")
     np.testing.assert_allclose(other.lam[-1], -sol.lam[-1], atol=1e-9)  # λ acts on body 2: now on the ground
 
 
@@ -178,7 +178,7 @@ def test_joint_damping_and_friction_of_the_model_act():
     model.appendBodyToJoint(hinge, pin.Inertia(1.0, np.zeros(3), np.eye(3) * 2.0), pin.SE3.Identity())
     model.gravity.setZero()
     model.damping[:] = 0.5
-    damped = pc.simulate(pc.Mechanism(model), (0.0, 2.0), v0={"hinge": 3.0}, step=0.01, max_order=5)
+    damped = pc.simulate(pc.Mechanism(model), (0.0, 2.0), v0={"hinge": 3.0}, step=0.01, order=5, method="BDF")
     np.testing.assert_allclose(damped.v[:, 0], 3.0 * np.exp(-0.25 * damped.t), rtol=1e-8)
     model.damping[:] = 0.0
     model.upperDryFrictionLimit[:] = 1.5
@@ -193,7 +193,7 @@ def test_torques_act(torque):
     hinge = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "hinge")
     model.appendBodyToJoint(hinge, pin.Inertia(1.0, np.zeros(3), np.eye(3) * 4.0), pin.SE3.Identity())
     forces = torque if callable(torque) else [torque]
-    sol = pc.simulate(pc.Mechanism(model), (0.0, 2.0), step=0.1, max_order=2, forces=forces)
+    sol = pc.simulate(pc.Mechanism(model), (0.0, 2.0), step=0.1, order=2, forces=forces, method="BDF")
     assert sol.q[-1, 0] == pytest.approx(0.5 * 0.5 * 4.0)
 
 
@@ -203,7 +203,7 @@ def test_a_tree_without_loops_simply_runs():
 
     mech = pc.load("double_pendulum")
     q0 = pc.assemble(mech).q
-    sol = pc.simulate(mech, (0.0, 1.0), step=0.0025, max_order=5)
+    sol = pc.simulate(mech, (0.0, 1.0), step=0.0025, order=5, method="BDF")
     assert sol.lam.shape == (len(sol.t), 0)
     data, n = mech.model.createData(), mech.nv
     run = solve_ivp(

@@ -44,7 +44,7 @@ def test_positions_and_velocities_have_order_k(k):
     problem = pc.paper.reference_problem("problem51")
     errors = []
     for h in (1 / 80, 1 / 160) if k > 4 else (1 / 160, 1 / 320):
-        sol = pc.integrate(problem.system, (0.0, 0.5), problem.p0, problem.v0, step=h, max_order=k)
+        sol = pc.integrate(problem.system, (0.0, 0.5), problem.p0, problem.v0, step=h, order=k, method="BDF")
         p, v, _ = problem.exact(0.5)
         errors.append((np.abs(sol.q[-1] - p).max(), np.abs(sol.v[-1] - v).max()))
     orders = np.log2(np.divide(*errors))
@@ -57,7 +57,7 @@ def test_backwards_in_time_has_the_same_order(k):
     p1, v1, _ = problem.exact(0.3)
     errors = []
     for h in (1 / 100, 1 / 200):
-        sol = pc.integrate(problem.system, (0.3, 0.0), p1, v1, step=h, max_order=k)
+        sol = pc.integrate(problem.system, (0.3, 0.0), p1, v1, step=h, order=k, method="BDF")
         assert sol.success and sol.t[-1] == 0.0
         errors.append(max(np.abs(sol.lam[i] - problem.exact(t)[2]).max() for i, t in enumerate(sol.t)))
     assert np.log2(errors[0] / errors[1]) == pytest.approx(k, abs=0.6)
@@ -94,7 +94,7 @@ def test_orders_where_the_kinematics_depend_on_the_position(consistency, k):
     errors = []
     steps = {4: (1 / 80, 1 / 160), 5: (1 / 40, 1 / 80)}.get(k, (1 / 160, 1 / 320))
     for h in steps:
-        sol = pc.integrate(problem, (0.0, 0.5), p0, v0, step=h, max_order=k, consistency=consistency)
+        sol = pc.integrate(problem, (0.0, 0.5), p0, v0, step=h, order=k, consistency=consistency, method="BDF")
         p, v, lam = (np.array(column) for column in zip(*map(exact, sol.t), strict=True))
         errors.append([np.abs(ours - theirs).max() for ours, theirs in ((sol.q, p), (sol.v, v), (sol.lam[:, 0], lam))])
     # The multipliers follow from positions of size 1, which the formula (its coefficients are Σ 2ⁱ/i in all)
@@ -112,7 +112,7 @@ def test_the_papers_initial_velocity_where_the_kinematics_depend_on_the_position
     first = {}
     for h in (1e-2, 1e-3):
         for start in (v0, pc.paper.consistent_initial_velocity(problem, 0.0, p0, v0, h)):
-            sol = pc.integrate(problem, (0.0, h), p0, start, step=h, max_order=1, consistency="exact")
+            sol = pc.integrate(problem, (0.0, h), p0, start, step=h, order=1, consistency="exact", method="BDF")
             first.setdefault(h, []).append(abs(sol.lam[1, 0] - exact(h)[2]))
     (raw, cured), (finer_raw, finer_cured) = first.values()
     assert min(raw, finer_raw) > 0.3

@@ -24,7 +24,7 @@ def rocker():
 
 @pytest.fixture(scope="module")
 def sol(rocker):
-    return pc.simulate(rocker, (0, 0.5), v0={"crank": 12})
+    return pc.simulate(rocker, (0, 0.5), v0={"crank": 12}, method="BDF")
 
 
 def named(axis):
@@ -114,7 +114,7 @@ def test_drift_is_that_of_the_certificate(sol, rocker):
 
 
 def test_drift_of_plain_bdf_is_seen_in_the_velocities(rocker):
-    step = {"step": 0.005, "max_order": 1}
+    step = {"step": 0.005, "order": 1}
     exact = pc.simulate(rocker, (0, 0.1), v0={"crank": 12}, consistency="exact", **step)
     largest = [np.nanmax(axis.lines[0].get_ydata()) for axis in pc.plot_drift(exact).axes]
     assert largest[0] < 1e-8 < 1e-3 < largest[1]
@@ -122,7 +122,7 @@ def test_drift_of_plain_bdf_is_seen_in_the_velocities(rocker):
 
 def test_drift_of_a_general_problem_and_of_a_drive(rocker):
     case = pc.paper.reference_problem("problem52")
-    made = pc.integrate(case.system, (case.t0, case.t0 + 0.1), case.p0, case.v0, step=0.01, max_order=1)
+    made = pc.integrate(case.system, (case.t0, case.t0 + 0.1), case.p0, case.v0, step=0.01, order=1, method="BDF")
     assert np.nanmax(pc.plot_drift(made).axes[0].lines[0].get_ydata()) < 1e-9
     turning = pc.Drive("motor", "crank", lambda t: 3.0 * t, lambda t: 3.0, lambda t: 0.0)
     driven = rocker.add_loops(turning)
@@ -329,7 +329,7 @@ def test_lines_follow_the_motion_between_the_rows_of_radau(rocker):
 
 def test_multipliers_of_fixed_steps_are_joined_by_lines(rocker):
     """From exact initial values they are wrong at first, and a line between right values would hide it."""
-    exact = pc.simulate(rocker, (0, 0.1), v0={"crank": 12}, consistency="exact", step=0.005, max_order=1)
+    exact = pc.simulate(rocker, (0, 0.1), v0={"crank": 12}, consistency="exact", step=0.005, order=1, method="BDF")
     np.testing.assert_array_equal(pc.plot_multipliers(exact).axes[0].lines[0].get_xdata(), exact.t)
 
 

@@ -157,23 +157,20 @@ def swung(mech, theta, **options):
 
 NAMES = "anchor:rocker_ground.xyz2[0]", "crank_speed"
 SPRING = pc.SpringDamper("coupler", "universe", 50.0, 1.0, 0.5, xyz1=(0.3, 0, 0.1))
-DIFFERENTIATED = {
-    "BDF": (
-        "peak reaction rocker_ground", "max energy kinetic", "rms joint_force coupler", "mean reaction rocker_ground",
-        f"peak force {SPRING.label}", "rms v rocker", "reaction rocker_ground at 0.2", "final rocker_tip",
-    ),
-    "Radau": ("max v rocker", "peak joint_force crank", "crank at 0.21"),
-}  # fmt: skip
+DIFFERENTIATED = (
+    "peak reaction rocker_ground", "max energy kinetic", "rms joint_force coupler", "mean reaction rocker_ground",
+    f"peak force {SPRING.label}", "rms v rocker", "reaction rocker_ground at 0.2", "final rocker_tip", "max v rocker",
+    "peak joint_force crank", "crank at 0.21",
+)  # fmt: skip
 
 
-@pytest.mark.parametrize("method", ["BDF", "Radau"])
-def test_derivatives_of_statistics_are_those_of_differences_of_runs(method):
+def test_derivatives_of_statistics_are_those_of_differences_of_runs():
     mech = pc.load("crank_rocker").with_forces(SPRING)
-    found = pc.sensitivities(mech, list(NAMES), (0.0, 0.3), v0={"crank": 9.0}, method=method)
-    theta, expected = np.array(found.values), {name: [] for name in DIFFERENTIATED[method]}
+    found = pc.sensitivities(mech, list(NAMES), (0.0, 0.3), v0={"crank": 9.0})
+    theta, expected = np.array(found.values), {name: [] for name in DIFFERENTIATED}
     for i, value in enumerate(theta):
         step = 3e-4 * value
-        shifted = {m: swung(mech, theta + m * step * np.eye(2)[i], method=method) for m in (-2, -1, 1, 2)}
+        shifted = {m: swung(mech, theta + m * step * np.eye(2)[i]) for m in (-2, -1, 1, 2)}
         for name, rates in expected.items():
             f = {m: np.asarray(sol.evaluate(name)) for m, sol in shifted.items()}
             rates.append((8 * (f[1] - f[-1]) - (f[2] - f[-2])) / (12 * step))
@@ -192,8 +189,8 @@ def test_a_peak_at_the_end_of_a_run_has_the_derivative_there():
 
 
 def test_times_of_events_are_not_ignored():
-    """The speed at which the mass reaches the bottom is the peak, and its time depends on the start."""
-    bottom = pc.Event(lambda t, q, v, lam: q[0], terminal=True, name="bottom")
+    """The speed at which the mass reaches the end is the peak, and its time depends on the start."""
+    bottom = pc.Event(lambda t, q, v, lam: q[0] + 0.3, terminal=True, name="bottom")
     found = pc.sensitivities(arm(), ["arm"], (0.0, 3.0), q0={"arm": -1.0}, events=bottom)
     for quantity in ("max v arm", "final v arm", "mean v arm"):
         with pytest.raises(pc.InputError, match="event"):
@@ -227,7 +224,7 @@ def test_columns_of_a_sweep(command):
 
 
 def test_a_run_that_ends_early_has_no_value_after_its_end_and_says_so(command):
-    sweep = ("sweep", "four_bar", "--vary", "crank_speed=0,5", "--max-steps", "100", "--until", "0.3", "--json")
+    sweep = ("sweep", "four_bar", "--vary", "crank_speed=0,30", "--max-steps", "10", "--until", "0.3", "--json")
     told = json.loads(command(*sweep, "--of", "q crank at 0.3", "--of", "peak q crank")[1])
     first, second = (dict(zip(told["columns"], row, strict=True)) for row in told["rows"])
     assert first["q crank at 0.3"] == pytest.approx(first["q.crank"])

@@ -108,7 +108,7 @@ def forces_from_motion(mech, sol, rows):
 )
 def test_falls_from_rest_with_closed_loops_and_constant_energy(name, until, h, drift):
     mech = load(name)
-    runs = [pc.simulate(mech, (0.0, until), step=step, max_order=3) for step in (h, h / 2)]
+    runs = [pc.simulate(mech, (0.0, until), step=step, order=3) for step in (h, h / 2)]
     errors = []
     for sol in runs:
         assert sol.success and sol.t[-1] == until and np.abs(sol.v).max() > 1.0  # it does fall

@@ -19,7 +19,7 @@ def errors(scene, s, until=0.1, steps=None, **more):
     times = np.array([0.7537, 1.0]) * until
 
     def run(s, n):
-        options = {"step": until / n, "max_order": 2 * s - 1, "method": "Radau", "t_eval": times, **more}
+        options = {"step": until / n, "order": 2 * s - 1, "method": "Radau", "t_eval": times, **more}
         found = pc.sensitivities(mech, names[:2], (0.0, until), None, v0, **options)
         return found.dq, found.dv, found.dlam
 

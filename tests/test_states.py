@@ -11,7 +11,7 @@ SPAN = (0.0, 1.0)
 TIMES = np.sort(np.random.default_rng(5).uniform(*SPAN, 60))
 RUNS = {
     "Radau": {"method": "Radau"},
-    "Radau of order 5": {"method": "Radau", "max_order": 5},
+    "Radau of order 5": {"method": "Radau", "order": 5},
     "BDF": {},
     "rows of t_eval": {"method": "Radau", "t_eval": np.linspace(*SPAN, 11)},
     "rows of t_eval by BDF": {"t_eval": np.linspace(*SPAN, 11)},

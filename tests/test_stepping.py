@@ -31,7 +31,7 @@ def mech():
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"method": "BDF"}, {"step": 1e-3, "max_order": 5}, {"events": lambda *y: 1.0}],
+    [{}, {"method": "BDF"}, {"step": 1e-3, "order": 5}, {"events": lambda *y: 1.0}],
 )
 def test_steps_are_those_of_a_sampled_run(mech, options):
     count = 10

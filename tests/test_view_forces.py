@@ -129,7 +129,7 @@ def test_paths_follow_their_frames_each_in_its_color():
     data = mech.model.createData()
     pin.framesForwardKinematics(mech.model, data, sol.q[-1])
     np.testing.assert_allclose(points[-1], data.oMf[mech.model.getFrameId("coupler_tip")].translation, atol=1e-6)
-    assert len(points) >= len(sol.t) > 26  # a point for each row of the solution, not only for each frame
+    assert len(points) >= len(sol.t) > 10  # a point for each row of the solution, not only for each frame
     with pytest.raises(pc.InputError, match=r"no frame 'couplr' to trace; similar: .*coupler"):
         shown(mech, sol, traces=["couplr"])
     with pytest.raises(pc.InputError, match=re.escape("traces=['coupler']")):

@@ -58,7 +58,7 @@ def test_a_ring_starts_on_its_x_axis_and_its_head_points_right_handed():
 
 def test_the_torque_of_a_drive_turns_about_its_joint():
     mech = pc.load("jansen_leg")
-    sol = pc.simulate(mech, (0.0, 1.0), step=0.02)
+    sol = pc.simulate(mech, (0.0, 1.0), method="BDF", step=0.02)
     page = shown(mech, sol, forces=True)
     centre, turn = moment(page, "/forces/motor crank")
     torque = sol.reaction("motor").torque[:, None]
@@ -124,7 +124,7 @@ def test_the_bar_of_the_legend_is_a_round_amount(amount, rounded):
 @needs_browser
 def test_a_torque_turns_in_a_browser(tmp_path):
     mech = pc.load("jansen_leg")
-    sol = pc.simulate(mech, (0.0, 1.0), step=0.02)
+    sol = pc.simulate(mech, (0.0, 1.0), method="BDF", step=0.02)
     with opened(pc.export_html(mech, sol, tmp_path / "leg.html", forces=True)) as tab:
         tab.run("running = false; seek(0.5); var turn = object('/forces/motor crank/turn')")
         matrix = np.reshape(tab.run("turn.updateWorldMatrix(true, false); turn.matrixWorld.toArray()"), (4, 4)).T

@@ -12,23 +12,25 @@ from pinconsist.dae import integrate as dae
 from pinconsist.dae.consistency import MODES
 from pinconsist.dae.output import Output
 from pinconsist.dae.tuning import MAX_ORDER, Switches
-from pinconsist.options import method_of
+from pinconsist.options import Options
 
 from .problem import Peer, Rows, SolverFailed
 
 HIGHEST = 5  # of variable step
 SETTINGS = {
-    "BDF": {},
-    **{f"BDF ≤ {k}": {"max_order": k} for k in range(HIGHEST - 1, 1, -1)},
+    "BDF": {"method": "BDF"},
+    **{f"BDF ≤ {k}": {"method": "BDF", "order": k} for k in range(HIGHEST - 1, 1, -1)},
     "Radau": {"method": "Radau"},
-    **{f"Radau, order {k}": {"method": "Radau", "max_order": k} for k in (9, 13)},
+    **{f"Radau, order {k}": {"method": "Radau", "order": k} for k in (9, 13)},
     "ImplicitEuler": {"method": "ImplicitEuler"},
 }
 """Name → keywords of :func:`pinconsist.integrate`: variable step, every step corrected."""
-DETAILS = {f"BDF ≤ {k}, exact": {"max_order": k, "consistency": "exact"} for k in range(HIGHEST, 0, -1)}
+DETAILS = {f"BDF ≤ {k}, exact": {"method": "BDF", "order": k, "consistency": "exact"} for k in range(HIGHEST, 0, -1)}
 """The same without the correction."""
 FIXED = {
-    f"fixed BDF-{k}, {mode}": {"max_order": k, "consistency": mode} for k in range(1, MAX_ORDER + 1) for mode in MODES
+    f"fixed BDF-{k}, {mode}": {"method": "BDF", "order": k, "consistency": mode}
+    for k in range(1, MAX_ORDER + 1)
+    for mode in MODES
 }
 """The same for a fixed step, which is implicit Euler where the order is 1."""
 
@@ -77,7 +79,7 @@ class WithoutSwitch(Own):
 
     def run(self, problem, options):
         span, tolerances = problem.span, (options["rtol"], options["atol"])
-        method = method_of(span, "BDF", None, None, *tolerances, "every-step", None, np.inf, None)
+        method = Options("BDF", None, None, *tolerances).for_span(span)
         method = replace(method, switches=self.switches)
         stepper = stepper_for(problem.system, method)
         run = dae.integrate(problem.system, span, problem.q0, problem.v0, method, Output(), stepper)

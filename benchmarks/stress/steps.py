@@ -51,7 +51,9 @@ def tolerance_cases():
 def _run(by, name, order, h, **options):
     problem = reference_problem(name)
     span = problem.t0, problem.t0 + STEPS * h
-    sol = completed(by.integrate(problem.system, span, problem.p0, problem.v0, step=h, max_order=order, **options))
+    sol = completed(
+        by.integrate(problem.system, span, problem.p0, problem.v0, method="BDF", step=h, order=order, **options)
+    )
     p, v, lam = (np.array(column) for column in zip(*map(problem.exact, sol.t), strict=True))
     return sol, p, v, lam
 
@@ -81,7 +83,7 @@ def _raw_floor(h, by):
 def _drift(build, q0, count, order, energy_error, by):
     """`energy_error` is of 10⁴ steps: a method's dissipation adds up in proportion to time, rounding more slowly."""
     until, rows = 1e-3 * count, np.arange(0, count + 1, 50)
-    options = {"step": 1e-3, "max_order": order, "t_eval": np.minimum(1e-3 * rows, until)}
+    options = {"method": "BDF", "step": 1e-3, "order": order, "t_eval": np.minimum(1e-3 * rows, until)}
     sol = completed(by.simulate(build(), (0.0, until), q0, **options))
     return certified(sol, position=1e-12, velocity=1e-11, energy_error=energy_error * count / 10_000)
 

@@ -1,10 +1,9 @@
-"""Derivatives propagated along the steps of BDF and of Radau IIA, in C++."""
+"""Derivatives propagated along the steps of Radau IIA, in C++."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from ..dae import bdf
 from ..dae.kkt import singular_message
 from ..dae.segments import not_made_again
 from ..errors import SingularSystemError
@@ -36,18 +35,23 @@ def all_rows(index1):
     return lambda q: compiled.evaluate(system.chosen_at, q, still, still)[2]
 
 
+def _rows(array):
+    """An array as a table with a row for each value of its first index; writes change the array."""
+    return array.reshape(len(array), array[0].size if len(array) else 0)
+
+
 class Propagator:
-    """Propagates derivatives by parameters along steps of the system of `index1`, forwards and backwards.
+    """Propagates derivatives by parameters along steps of Radau IIA of the system of `index1`, forwards and backwards.
+
+    A step is a :class:`~pinconsist.dae.segments.RadauSegment`.
 
     Each of the `parameters` is a list of (weight, Index1); the weighted sum of their residuals is the derivative of the
     residual by the parameter.
     """
 
-    kind: str
-
     def __init__(self, index1, parameters):
         self.system, self.parameters = index1.system, parameters
-        core = self._core = getattr(required(), self.kind)(index1.compiled)
+        core = self._core = required().Derivatives(index1.compiled)
         if not len(parameters):
             return
         core.use_parameters(len(parameters))
@@ -64,46 +68,6 @@ class Propagator:
     def _check(singular, times) -> None:
         if singular >= 0:
             raise SingularSystemError(singular_message(times[singular]))
-
-
-def _rows(array):
-    """An array as a table with a row for each value of its first index; writes change the array."""
-    return array.reshape(len(array), array[0].size if len(array) else 0)
-
-
-class Follower(Propagator):
-    """Propagates derivatives along legs of BDF."""
-
-    kind = "Derivatives"
-
-    def forward(self, leg, S) -> None:
-        """Fill the leg's `tables` from `S` of its history."""
-        leg.tables = np.empty((1 + len(leg.t), *S.shape))
-        leg.tables[0] = S
-        self._check(self._core.forward(self._steps(leg), _rows(leg.tables)), leg.t)
-
-    def backward(self, leg, seeds):
-        """The derivative of a number by the parameters through the steps, (P,): the transpose of :meth:`forward`.
-
-        `seeds`, (1+n, ROWS, nx+nv+nc), are the direct derivatives of the number by each of the tables S. The first one
-        becomes the total derivative by the table of the history.
-        """
-        rates = self._rates()
-        self._check(self._core.backward(self._steps(leg), _rows(seeds), rates), leg.t)
-        return rates
-
-    @staticmethod
-    def _steps(leg):
-        t, h, k, base, Z = leg.curve()
-        changed = np.array([False, *(changes is not bdf.UNCHANGED for changes in leg.changes)])
-        changes = np.array([each.ravel() for each in leg.changes[changed[1:]]]).reshape(-1, bdf.ROWS**2)
-        return required().Leg(t, h, k, base, _rows(Z), np.where(changed, np.cumsum(changed) - 1, -1), changes)
-
-
-class StagePropagator(Propagator):
-    """Propagates derivatives along steps of Radau IIA, which are :class:`~pinconsist.dae.segments.RadauSegment`."""
-
-    kind = "StageDerivatives"
 
     def again(self, steps):
         """Solve steps to rounding that are not solved yet, see ``RadauSegment.ending_at``."""

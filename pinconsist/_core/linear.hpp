@@ -1,23 +1,6 @@
-// The linearised equations of one step of BDF or Radau IIA, and of the multipliers at a state.
+// The linearised equations of one step of Radau IIA, and of the multipliers at a state.
 //
-// BDF. With r = M a + nle - τ - G λ, c = h/α_k and a = (v - ψ_v)/c, all at the accepted state, the derivatives
-// s = (s_ξ, s_v, s_λ) by a parameter θ follow from those of ψ, which are known from the previous steps:
-//
-//     K (s_v', s_λ') = -(c r_θ + c (f_x - F) E s_ψξ - M s_ψv,  (Φ_θ + W E s_ψξ)/c)
-//     s_ξ            = E (s_ψξ + c s_v')
-//     σ              = ρ_θ + H s_ξ + W s_v'
-//     (s_v, s_λ)     = (s_v', s_λ') - K⁻¹ (0, σ)
-//
-//     K = [ M + c f_v + c² (f_x - F) E   -c G ]     F = ∂(G λ)/∂ξ,  H = ∂ρ/∂ξ,
-//         [ W E                            0  ]     E = (1 - c L)⁻¹
-//
-// σ is the hidden residual of s itself. Every step of the run is put on the hidden constraint, and so is every step of its
-// derivatives. Therefore s_λ has the order of the method (otherwise it would have one order less, and jump at each change
-// of step). L s = ½ [s, v] is the derivative of the rate of chart coordinates at their centre; it is zero if no joint
-// rotates with three degrees of freedom. For values this term is of higher order than the method; for derivatives it is
-// not.
-//
-// Radau IIA. A step from (p₀, v₀) has stages (P_i, V_i, W_i) with multipliers L_i, see radau.hpp. With
+// A step from (p₀, v₀) has stages (P_i, V_i, W_i) with multipliers L_i, see radau.hpp. With
 // the derivatives s_p, s_v of its start by θ, and dξ_i = T_i (dP_i - Ad_i s_p), Ad_i = 1 - T_i⁻¹ ad ξ_i,
 //
 //     dV_i = T_i⁻¹ (Σ_j b_ij dξ_j/h - N_i dξ_i),   N_i = ∂(T_i V_i)/∂ξ_i,      dW_i = Σ_j b_ij (dV_j - s_v)/h,
@@ -112,19 +95,6 @@ private:
 
   int size_ = 0;
   std::vector<Term> terms_;
-};
-
-// Propagates derivatives by parameters along a run.
-class Way {
-public:
-  Parameters parameters;
-
-  bool calls_python() const { return system_.calls_python() || parameters.calls_python(); }
-
-protected:
-  explicit Way(System &system) : system_(system) {}
-
-  System &system_;
 };
 
 // β = J a + γ

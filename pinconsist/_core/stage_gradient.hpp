@@ -2,13 +2,16 @@
 #pragma once
 
 #include "charts.hpp"
-#include "gradient.hpp"
 #include "index1.hpp"
+#include "kkt.hpp"
+#include "linear.hpp"
 #include "stages.hpp"
 
 #include <Eigen/QR>
 
 namespace pinconsist {
+
+using Integers = Eigen::VectorX<std::int64_t>;
 
 // Recorded steps, a row for each; W one after another, (s, nv) each.
 struct StageSteps {

@@ -9,8 +9,6 @@ namespace pinconsist {
 // Chart centres and tables of steps.
 struct TableCurve {
   std::vector<double> bases, tables;
-  std::vector<int> changed; // the steps before which the table changed by `changes`, see Segment in dae/dense.py
-  std::vector<double> changes;
 };
 
 class Stepper : public Run<Stepper, TableCurve> {
@@ -164,7 +162,6 @@ private:
     used_h = h;
     used_k = 0;
     points = static_cast<int>(n);
-    changed_.resize(0, 0);
     begun_ = true;
   }
 
@@ -256,7 +253,6 @@ private:
 
   // Change to the step size and order that the control has chosen.
   void prepare_next() {
-    changed_.resize(0, 0);
     double wanted = choice.h;
     const bool charted = turns.rows() > 0 && !fixed();
     if (charted) wanted = std::copysign(std::min(std::abs(wanted), longest_step(velocity(), choice.k)), wanted);
@@ -278,8 +274,6 @@ private:
 
   void stretch(double wanted, int order) {
     bdf::rescale(order, wanted / h, Z);
-    if (!changed_.size()) changed_.setIdentity(bdf::ROWS, bdf::ROWS);
-    bdf::rescale(order, wanted / h, changed_);
     h = wanted;
   }
 
@@ -306,10 +300,6 @@ private:
     curve.tables.reserve(steps * Z.size());
   }
   void keep(TableCurve &curve) {
-    if (changed_.size()) {
-      curve.changed.push_back(static_cast<int>(curve.bases.size() / base.size()));
-      put(curve.changes, changed_);
-    }
     put(curve.bases, base);
     put(curve.tables, Z);
   }
@@ -321,7 +311,6 @@ private:
   Projection index1_;
   Attempt attempt_;
   Vec predicted_, psi_, weight_;
-  Table changed_; // rescaling since the last step; empty if there was none
 };
 
 } // namespace pinconsist

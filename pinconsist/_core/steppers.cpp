@@ -43,9 +43,7 @@ template <class Run> std::pair<const char *, nb::object> attempted(bool calls_py
 // The polynomials of a batch, for Python; None if there are none.
 nb::object in_python(TableCurve &curve) {
   if (curve.tables.empty()) return nb::none();
-  const size_t changed = curve.changed.size(), changes = curve.changes.size();
-  return nb::make_tuple(array_of(std::move(curve.bases)), array_of(std::move(curve.tables)), array(curve.changed, {changed}),
-                        array(curve.changes, {changes}));
+  return nb::make_tuple(array_of(std::move(curve.bases)), array_of(std::move(curve.tables)));
 }
 nb::object in_python(Collocations &curve) { return curve.empty() ? nb::none() : nb::cast(StageCurve{std::move(curve)}); }
 

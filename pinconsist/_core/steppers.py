@@ -208,7 +208,6 @@ class BdfStepper(Stepper):
     """Backward differences of variable order."""
 
     _chart_points: Any = None  # see Tables in dae/dense.py; it holds no function of the user's
-    _changed: Any = None  # what happened to the table before the next step, see Segment in dae/segments.py
 
     def _new_core(self):
         system = self.system
@@ -239,7 +238,6 @@ class BdfStepper(Stepper):
             raise PinconsistError(f"the run cannot start at t = {t:.6g}: {too_fast}")
         if self.method.consistency == "initial":
             self._core.take_velocities(np.array(consistent_velocities(self.system, states, self.h, self._trial())))
-        self._changed = bdf.UNCHANGED if len(states) > 1 else None
         return states
 
     def _trial(self):
@@ -270,22 +268,16 @@ class BdfStepper(Stepper):
         end = np.array([core.t])
         return Tables(
             t_old=np.array([core.t_old]), ends=end, t=end, h=np.array([core.used_h]), k=np.array([core.points - 1]),
-            base=core.base[None], Z=core.Z[None], changes=np.full(1, None), system=self.system,
+            base=core.base[None], Z=core.Z[None], system=self.system,
             chart_points=self._chart_points,
         )  # fmt: skip
 
     def _curve(self, t_old, t, h, k, polynomials):
-        base, Z, changed, matrices = polynomials
-        changes = np.full(len(t), None)
-        changes[:] = [bdf.UNCHANGED] * len(t)
-        changes[0] = self._changed
-        self._changed = bdf.UNCHANGED
-        for i, matrix in zip(changed, matrices.reshape(-1, bdf.ROWS, bdf.ROWS), strict=True):
-            changes[i] = matrix
+        base, Z = polynomials
         starts = np.append(t_old, t[:-1])
         base = base.reshape(len(t), -1)
         Z = Z.reshape(len(t), bdf.ROWS, -1)
-        return Tables(starts, t, t, h, k, base, Z, changes, self.system, self._chart_points)
+        return Tables(starts, t, t, h, k, base, Z, self.system, self._chart_points)
 
     def _counted(self, failure):
         why = super()._counted(failure)

@@ -82,7 +82,7 @@ def _show(what, file, run):
     from ..view.page import write_page
 
     mech = pc.paper.reference_problem(what).system if isinstance(what, str) else what
-    start, options = ((run.t[0], run.t[-1]), run.q[0], run.v_given), {"step": run.h, "max_order": run.order}
+    start, options = ((run.t[0], run.t[-1]), run.q[0], run.v_given), {"step": run.h, "order": run.order}
     sols = {
         title: pc.integrate(mech, *start, consistency=mode, **options)
         for title, mode in (("from exact values", "exact"), ("from consistent values", "initial"))

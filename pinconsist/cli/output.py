@@ -29,11 +29,11 @@ WHOLE_WORDS: Any = {"break_long_words": False, "break_on_hyphens": False}
 AT_TIME = re.compile(r"\bt = \S+ s\b")  # not broken across lines
 LOADED = re.compile(r"load\(…, (\w+ ?= ?[^)]+)\)")
 ARGUMENT = re.compile(
-    r"(?<!-)\b(max_order|max_steps?|rtol|atol|package_dirs|free_flyer|precision|closure|loops|ignore|consistency|method|step|at)"
-    r" ?= ?'?([^\s',;:()]*)'?|(?<!-)\b(max_order|max_steps?|rtol|atol|package_dirs|free_flyer)\b"
+    r"(?<!-)\b(order|max_steps?|rtol|atol|package_dirs|free_flyer|precision|closure|loops|ignore|consistency|method|step|at)"
+    r" ?= ?'?([^\s',;:()]*)'?|(?<!-)\b(order(?= must)|max_steps?|rtol|atol|package_dirs|free_flyer)\b"
 )
 IGNORED = re.compile(r"\bignore ?= ?\['([^']*)'\]")
-SPELT = {"max_order": "order", "package_dirs": "package_dir"}
+SPELT = {"package_dirs": "package_dir"}
 
 PATIENCE = 1.0  # s before the progress bar of a run appears
 PERIOD = 0.1  # s between its updates

@@ -22,9 +22,11 @@ def simulate(
     control: scene.Control = None,
     step: scene.Step = None,
     order: Annotated[Count, option(
-        "--order", "K", "BDF: highest order, 1 to 5 (default 5); with --step the constant order, 1 to 6. Radau: "
-        "the order, 1, 3, 5, 9 or 13 (default: variable).", METHOD)] = None,
-    method: Annotated[str, option("--method", "NAME", "BDF, Radau or ImplicitEuler.", METHOD)] = "BDF",
+        "--order", "K", "Radau: 1, 3, 5, 9 or 13 (default: variable). BDF: highest order, 1 to 5 (default 5); with "
+        "--step the constant order, 1 to 6.", METHOD)] = None,
+    method: Annotated[Text, option(
+        "--method", "NAME", "Radau, BDF or ImplicitEuler. Default: Radau; BDF for more than 32 degrees of freedom.",
+        METHOD)] = None,
     rtol: scene.Rtol = 1e-6,
     atol: scene.Atol = 1e-8,
     max_step: Annotated[Number, option("--max-step", "SECONDS", "Largest variable step.", METHOD)] = None,
@@ -83,8 +85,8 @@ def simulate(
     if not as_json:
         print(scene.describe(mech, assembly) + "\n")
     settings = {
-        "method": method, "step": step, "rtol": rtol, "atol": atol, "consistency": consistency,
-        **present(max_order=order, max_step=max_step, max_steps=max_steps, control=commands or None),
+        "step": step, "rtol": rtol, "atol": atol, "consistency": consistency,
+        **present(method=method, order=order, max_step=max_step, max_steps=max_steps, control=commands or None),
     }  # fmt: skip
     where = source.record(out or "run.npz")
     recipe = Recipe.of(where, hashes, mech, (start, until), q0 or None, v0 or None, (), settings, save_every)

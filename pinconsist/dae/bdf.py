@@ -41,6 +41,3 @@ def interpolate(k: int, s) -> np.ndarray:
 def _frozen(array):
     array.setflags(write=False)
     return array
-
-
-UNCHANGED = _frozen(np.eye(ROWS))  # maps a table from one step to another of the same size

@@ -78,7 +78,6 @@ class Tables(Curve):
     k: np.ndarray
     base: np.ndarray
     Z: np.ndarray
-    changes: np.ndarray  # of objects
     system: Index3System
     chart_points: Callable | None
 
@@ -91,7 +90,7 @@ class Tables(Curve):
         return Segment(*(column[i] for column in self._columns()), self.system)
 
     def _columns(self):
-        return self.t_old, self.ends, self.t, self.h, self.k, self.base, self.Z, self.changes
+        return self.t_old, self.ends, self.t, self.h, self.k, self.base, self.Z
 
     def _cut(self, last, end):
         t_old, ends, *others = (column[: last + 1] for column in self._columns())

@@ -41,7 +41,7 @@ class Method:
 
     def describe(self) -> dict:
         """The method in plain numbers and words, for the record."""
-        about = {"method": self.name, "max_order": self.order, "consistency": self.consistency, "step": self.step}
+        about = {"method": self.name, "order": self.order, "consistency": self.consistency, "step": self.step}
         if isinstance(self.control, ErrorControl):
             about["rtol"] = [np.asarray(part).tolist() for part in self.control.rtol]
             about["atol"] = [np.asarray(part).tolist() for part in self.control.atol]

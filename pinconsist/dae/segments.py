@@ -22,8 +22,7 @@ class Segment:
     """The polynomial of degree k over one step from `t_old` to `end`, in [ξ | v | λ], exact at both of its ends.
 
     Positions on a manifold are interpolated in the chart at `base`, so they stay on it; loops are closed in between
-    to the order of the method. `changes` maps the table of the previous step to this step's size, including rejected
-    tries; None at the start of a run, with k+1 points.
+    to the order of the method.
     """
 
     t_old: float
@@ -33,7 +32,6 @@ class Segment:
     k: int
     base: np.ndarray
     Z: np.ndarray
-    changes: np.ndarray | None
     system: Index3System
 
     def __call__(self, t: float):

@@ -40,7 +40,7 @@ class ForwardPass:
         times = times_of(self.solution, self.legs)
         for leg, following in zip(self.legs, [*self.legs[1:], None], strict=True):
             residuals = variants.residuals(leg.system)
-            leg.follow(base.index1(leg.system), residuals, leg.begin(variants, base, s))
+            leg.follow(base.index1(leg.system), residuals, s)
             self.work["steps"] += len(leg.t)
             self.work["evaluations"] += len(leg.t) * residuals.evaluations
             s = self._cross(leg, following)
@@ -86,7 +86,7 @@ class ForwardPass:
 class BackwardPass:
     """Computes the derivative of a number by all parameters, backwards along the legs of a run (adjoint).
 
-    It is the transpose of :mod:`forward`, step by step. The work per step that does not depend on the parameters is
+    It is the transpose of the forward pass, step by step. The work per step that does not depend on the parameters is
     shared; each parameter costs the residuals of two mechanisms along the run, and its derivative at the start.
 
     ``derivative(system, i)`` is the derivative of the number by [q | v | λ] at row i of the run,
@@ -107,9 +107,9 @@ class BackwardPass:
                 leg.add_seeds(np.array([leg.span[1]]), [self._across_event(leg, self.legs[i + 1], bar)], seeds)
             leg.add_seeds(times[i], self._pulled(leg, times[i], range(begin, end)), seeds)
             residuals = self.variants.residuals(leg.system)
-            self.total += leg.follow_back(self.base.index1(leg.system), residuals, seeds)
-            bar, rates = leg.begin_back(self.variants, self.base, seeds[0])
-            self.total, end = self.total + rates, begin
+            bar, rates = leg.follow_back(self.base.index1(leg.system), residuals, seeds)
+            self.total += rates
+            end = begin
         return self.total + initial_derivatives(self.variants, self.base, self.legs[0].system) @ bar
 
     def _across_event(self, leg, following, bar):

@@ -13,8 +13,8 @@ from ..mechanism.forces import HeldTorque, Piecewise, Sampled
 from ..mechanism.mechanism import Mechanism, with_added_forces
 from ..mechanism.parameters import Parameter, parameter, part_at
 from ..simulation import simulate
-from .forward import legs_of
 from .jumps import refuse_jumps, refuse_moving_jumps
+from .leg import legs_of
 from .variants import Side, variants_of
 
 SPEED = "_speed"
@@ -30,16 +30,17 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
     names = _names(names, theta)
     if steps is not None and len(steps) != len(theta):
         raise InputError(f"steps= needs one for each of the {len(theta)} parameters, got {len(steps)}")
-    if (mode := options.get("consistency", "every-step")) != "every-step":
+    method = options.pop("method", None)
+    if method not in (None, "Radau"):
         raise InputError(
-            f"sensitivities need consistency='every-step', not {mode!r}: otherwise BDF leaves a hidden residual, whose "
-            "derivative falsifies those of the multipliers"
+            "derivatives are propagated along steps of Radau IIA, which depend on the state alone, not "
+            f"method={method!r}; omit method="
         )
     breakpoints = Breakpoints()
     make = _maker(build, t_span[0], breakpoints, q0, v0, forces, events, control)
     base = make(theta)
     solution = simulate(
-        base.mechanism, t_span, base.q0, base.v0, events=base.events, rtol=rtol, atol=atol,
+        base.mechanism, t_span, base.q0, base.v0, method="Radau", events=base.events, rtol=rtol, atol=atol,
         **{**options, "dense_output": True},
     )  # fmt: skip
     if solution.sol is None:

@@ -12,7 +12,7 @@ from ..mechanism.checks import finite_array
 from ..mechanism.mechanism import Mechanism
 from ..quantities import Quantity
 from ..solution import Solution
-from .forward import Leg
+from .leg import Leg
 from .passes import BackwardPass, ForwardPass, Number
 from .prepare import prepared
 from .quantities import derivatives
@@ -145,8 +145,8 @@ def sensitivities(
 ) -> Sensitivities:  # fmt: skip
     """Simulate a mechanism, and differentiate motion, multipliers and event times with respect to parameters.
 
-    The derivatives are propagated along the accepted steps by the method's own formulas (staggered, with every step on
-    the hidden constraint), through changes of step and order, of constraint rows, events and drives. They are
+    The derivatives are propagated along the accepted steps of Radau IIA by the method's own formulas, through changes
+    of step and order, of constraint rows, events and drives. They are
     derivatives of the solution, not differences of runs, which are spoiled by adaptive steps: their relative error is
     about 10 to 30 times that of the state.
 
@@ -171,7 +171,7 @@ def sensitivities(
     rtol, atol
         As in :func:`simulate`, with tighter defaults.
     **options
-        As in :func:`simulate`, with ``consistency="every-step"``.
+        As in :func:`simulate`; the method is Radau IIA.
 
     Returns
     -------

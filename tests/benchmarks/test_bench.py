@@ -114,7 +114,7 @@ def test_a_folder_of_one_robot(tmp_path):
     closing = run.assembly
     assert closing == tight.assembly and closing.from_neutral in (True, False)
     assert closing.tried == 20 and 15 <= closing.closed <= 20 and closing.time > 0.0
-    assert run.steps > 5 and run.gap < 1e-12 and run.energy_error < 1e-5 and run.step_time > 0.0
+    assert run.steps >= 3 and run.gap < 1e-12 and run.energy_error < 1e-5 and run.step_time > 0.0
     with pytest.raises(InputError, match="no folder"):
         list(robots(tmp_path / "bar"))
 

@@ -1,6 +1,6 @@
 """The public names and their parameters, listed once more so that they change only on purpose."""
 
-HOW = "method step max_order rtol atol forces t_eval dense_output events callback consistency first_step max_step"
+HOW = "method step order rtol atol forces t_eval dense_output events callback consistency first_step max_step"
 HOW += " max_steps backend"
 PARAMETERS = {  # those after the bar by name only
     "Actuation": "mech motors q0",
@@ -43,7 +43,7 @@ PARAMETERS = {  # those after the bar by name only
     "Sampled": "period law joints delay",
     "Sensitivities": "solution names values steps dq dv dlam event_times work",
     "Servo": "joint target stiffness damping rate",
-    "Simulation": "mech q0 v0 | t0 method step max_order rtol atol forces events max_step backend",
+    "Simulation": "mech q0 v0 | t0 method step order rtol atol forces events max_step backend",
     "Solution": "t q v lam success status message nsteps nfev njev nlu rejected h order method scene recipe versions"
     " held sol t_events q_events v_events system",
     "SpringDamper": "frame1 frame2 stiffness length damping xyz1 xyz2",

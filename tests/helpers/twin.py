@@ -7,7 +7,7 @@ import numpy as np
 
 from pinconsist import _core
 from pinconsist._core import steppers
-from pinconsist._core.gradients import StagePropagator
+from pinconsist._core.gradients import Propagator
 from pinconsist._core.systems import CompiledIndex1, compiled_system
 from pinconsist.dae.index1 import Index1, solve_acceleration
 from pinconsist.mechanism.rank import null_space
@@ -73,7 +73,7 @@ def compare_multipliers(system, twin, t, p, v):
     J, n = np.array(system.evaluate(t, p, v, v)[2]).T, system.nv
     H, Z = row_gradients(system, t, p, v, np.zeros(system.nc))[1], null_space(J)
     ways = np.block([[Z, np.zeros_like(Z)], [-np.linalg.pinv(J) @ H @ Z, Z]])
-    propagator = StagePropagator(CompiledIndex1(system, twin), Still([[]] * ways.shape[1]))
+    propagator = Propagator(CompiledIndex1(system, twin), Still([[]] * ways.shape[1]))
     lam, found = propagator.multipliers(np.array([t]), p[None], v[None], np.ascontiguousarray(ways.T)[None])
     assert_same(solve_acceleration(system, t, p, v)[1], lam[0], 1e-10)
 

@@ -10,18 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from .._core.gradients import StagePropagator
+from .._core.gradients import Propagator, index1_of
 from ..dae.segments import RadauSegment
 
 AT_ONCE = 1e-6  # of a step: times nearer than this to an end count as equal, as shorter steps would be rounding
 
 
 @dataclass
-class StageLeg:
-    """The steps of a run from one start to the next, with the methods of :class:`~pinconsist.gradients.forward.Leg`.
+class Leg:
+    """The steps of a run from one start to the next.
 
-    `index1_of` returns the index-1 equations of a system. `tables`, (1+n, 1, P, nx+nv), are S at the start and after
-    each step.
+    `index1_of` returns the index-1 equations of a system. `tables`, (1+n, P, nx+nv), are S at the start and after each
+    step.
     """
 
     steps: list[RadauSegment]
@@ -30,7 +30,7 @@ class StageLeg:
     _propagator: Any = field(default=None, repr=False)
 
     def __post_init__(self):
-        self._propagator = StagePropagator(self.index1_of(self.system), [])
+        self._propagator = Propagator(self.index1_of(self.system), [])
         if _is_cut(last := self.steps[-1]):
             self.steps = [*self.steps[:-1], *self._propagator.again([last.ending_at(last.end)])]
 
@@ -79,21 +79,11 @@ class StageLeg:
         lam = [index1.acceleration(*state)[1] for state in zip(t, p, v, strict=True)]
         return p, np.hstack((0.0 * v, v, np.array(lam).reshape(len(t), self.system.nc)))
 
-    @staticmethod
-    def begin(variants, base, s):
-        """S at the start, from the derivatives of the state there."""
-        return s[None]
-
-    @staticmethod
-    def begin_back(variants, base, seed):
-        """The transpose, and the derivative by the parameters, which is zero."""
-        return seed[0], 0.0
-
     def at(self, times):
         """p, [ξ | v | λ] and the derivatives s, (n, P, nx+nv+nc), tangent at p, at times inside the leg."""
         n, inside, steps = self._placed(times)
         t, p, v = self._states(n, inside, steps)
-        s = self.tables[n, 0]
+        s = self.tables[n]
         ends = np.empty((len(inside), *s.shape[1:]))
         self._propagator.forward(steps, s[inside], ends)
         s[inside] = ends
@@ -102,40 +92,42 @@ class StageLeg:
 
     def follow(self, index1, residuals, S) -> None:
         """Fill `tables` from S at the start; `residuals`, for each parameter, is a list of (weight, Index1)."""
-        self._propagator = StagePropagator(index1, residuals)
+        self._propagator = Propagator(index1, residuals)
         self.tables = np.empty((1 + len(self.steps), *S.shape))
         self.tables[0] = S
-        self._propagator.forward(self.steps, self.tables[:-1, 0], self.tables[1:, 0])
+        self._propagator.forward(self.steps, self.tables[:-1], self.tables[1:])
 
     def seeds(self):
-        """The object that :meth:`add_seeds` adds to: derivatives of a number by S at the start, and by s elsewhere."""
-        return [np.zeros((1, self.system.nx + self.system.nv)), []]
+        """The object that :meth:`add_seeds` adds to: derivatives of a number by s at times."""
+        return []
 
     def add_seeds(self, times, derivatives, seeds) -> None:
         """Add derivatives of a number by s at times, (n, nx+nv+nc), to `seeds`."""
         if len(times):
-            seeds[1].append((times, np.array(derivatives)))
+            seeds.append((times, np.array(derivatives)))
 
     def follow_back(self, index1, residuals, seeds):
-        """The derivative of a number by the parameters in the steps, (P,); `seeds[0]` becomes that by the first S."""
-        self._propagator, split = StagePropagator(index1, residuals), self.system.nx + self.system.nv
-        bars, total = np.zeros((1 + len(self.steps), split)), np.zeros(len(residuals))
-        for times, derivatives in seeds[1]:
+        """The derivatives of a number by S at the start, (nx+nv,), and by the parameters in the steps, (P,)."""
+        self._propagator = Propagator(index1, residuals)
+        split = self.system.nx + self.system.nv
+        bars = np.zeros((1 + len(self.steps), split))
+        total = np.zeros(len(residuals))
+        for times, derivatives in seeds:
             n, inside, steps = self._placed(times)
-            state, given = self._states(n, inside, steps), np.array(derivatives[:, :split])
+            state = self._states(n, inside, steps)
+            by_s = np.array(derivatives[:, :split])
             with_lam = derivatives[:, split:].any(axis=1)
             by_state = np.zeros((with_lam.sum(), split))
             total += self._propagator.multipliers_back(
                 *(x[with_lam] for x in state), derivatives[with_lam, split:], by_state
             )
-            given[with_lam] += by_state
+            by_s[with_lam] += by_state
             own = np.zeros((len(inside), split))
-            total += self._propagator.backward(steps, given[inside], own)
-            given[inside] = own
-            np.add.at(bars, n, given)
+            total += self._propagator.backward(steps, by_s[inside], own)
+            by_s[inside] = own
+            np.add.at(bars, n, by_s)
         total += self._propagator.backward(self.steps, bars[1:], bars[:-1])
-        seeds[0][:] = bars[0]
-        return total
+        return bars[0], total
 
 
 def _is_cut(step) -> bool:
@@ -143,8 +135,13 @@ def _is_cut(step) -> bool:
     return abs(step.t_old + step.h - step.end) > 8.0 * np.spacing(max(abs(step.t_old), abs(step.end)))
 
 
-def stage_legs(curve) -> list[list[RadauSegment]]:
-    """The steps of a curve of Radau IIA, split at steps that do not continue the previous one."""
+def legs_of(dense, index1_of=index1_of) -> list[Leg]:
+    """The legs of a run from its dense output; `index1_of` returns the index-1 equations of a system."""
+    return [Leg(steps, index1_of) for curve in dense.curves for steps in _parts(curve)]
+
+
+def _parts(curve) -> list[list[RadauSegment]]:
+    """The steps of a curve, split at steps that do not continue the previous one."""
     legs: list[list] = []
     for i in range(len(curve.ends)):
         step, last = curve.plain(i), legs[-1][-1] if legs else None
