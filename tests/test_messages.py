@@ -176,3 +176,20 @@ def test_user_defined_forces_on_bodies_are_missing_in_joints_and_that_is_told():
     assert label.startswith("torque ") and exact.taken_as_torques == ()
     assert f"{label}: taken for torques in joints, not for forces on bodies" in str(taken)
     assert "taken" not in str(exact)
+
+
+def test_degrees_at_the_start_are_told(run, recwarn):
+    mech = pc.load("planar_pendulum")
+    pc.simulate(mech, (0.0, 0.01), {"pendulum": 45})
+    assert "pendulum = 45 is read in rad, 7.2 turns. For 45 degrees write numpy.radians(45)" in str(recwarn[-1].message)
+    before = len(recwarn)
+    for value in (31.4, np.radians(45), 7.0, -6, 4.0 * np.pi, 720.0):  # some of them after several turns
+        pc.simulate(mech, (0.0, 0.01), {"pendulum": value})
+    pc.simulate(pc.load("slider_crank"), (0.0, 0.01), {"crank": 0.5})
+    assert len(recwarn) == before
+    assert "--at pendulum=45deg" in run("simulate", "planar_pendulum", "--at", "pendulum=45", "--until", "0.01")[2]
+
+
+def test_a_joint_that_is_held_is_a_motion():
+    with pytest.raises(pc.InputError, match=r"to hold the joint there: pinconsist.Motion\(start=3.0\)"):
+        pc.Drive("hold", "crank", 3.0)

@@ -1,7 +1,6 @@
 """Files, names and Pinocchio's own objects → Mechanism."""
 
 import os
-import re
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -13,6 +12,7 @@ from ..errors import FormatError, InputError
 from ..mechanism.checks import choice, flag, several, warn
 from ..mechanism.loops import GROUND, Loop, anchor
 from ..mechanism.mechanism import Geometry, Mechanism
+from ..mechanism.names import is_revolute
 from . import catalogue, loopfile
 from .plausible import warn_of_degrees, warn_of_inertias, warn_of_units
 from .reading import located
@@ -152,9 +152,8 @@ def _angles(record, model):
     for loop in (each for each in record.loops if isinstance(each, Loop)):
         yield f"loop {loop.name!r}: rpy1", loop.rpy1
         yield f"loop {loop.name!r}: rpy2", loop.rpy2
-    kinds = {name: joint.shortname() for name, joint in zip(model.names, model.joints, strict=True)}
     for joint, value in record.guess.items():
-        if re.match("JointModelR(X|Y|Z|evolute)", kinds[joint]):
+        if is_revolute(model.joints[model.getJointId(joint)]):
             yield f"guess: {joint}", np.ravel(value).tolist()
 
 

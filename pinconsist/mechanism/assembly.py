@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import tau
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +14,7 @@ from .closing import CLOSED, NEARLY, LoopSolver
 from .correction import hint
 from .joint_constraints import Drive
 from .lie import difference, integrate
-from .names import filled, velocity_units
+from .names import filled, is_revolute, velocity_units
 from .rank import dependencies, weak_text
 
 KEPT = 1e-9  # rad or m: a joint farther than this from its value has not kept it
@@ -21,6 +22,7 @@ MOST_SHOWN = 6  # joints in one warning
 DRIVEN = 1e-6  # rad or m: a given joint value farther than this from that of its drive contradicts the drive
 ROUNDED_GAP = 1e-3  # m or rad: larger gaps are not caused by rounded numbers
 NEARLY_SINGULAR = 1e-6  # smallest singular value of the loops' kept rows, relative to the largest
+TURN = 7.0  # rad: a little more than a full turn
 FAR = 10.0  # times the size of the mechanism at the guess: no body is meant to slide or to reach that far
 FAR_STEPS = 10  # of Newton's method, without a bound: they converge from where the bounded search ended, or not at all
 
@@ -124,6 +126,7 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, 
     held = {**named, **fixed}
     base = mechanism.guess.copy() if q is None or isinstance(q, Mapping) else mechanism.configuration(q)
     start = guess = mechanism.configuration(held, base=base) if held else base
+    _warn_of_degrees(mechanism, held)
     for joint in _driven(solver, held, guess):  # their values are those of the drives, except for rounding
         held.pop(joint)
         fixed.pop(joint, None)
@@ -173,6 +176,19 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, 
         iterations=iterations,
         _rows=(J, kept, solver.loop_rows.labels),
     )
+
+
+def _warn_of_degrees(mechanism, named) -> None:
+    """Warn of whole numbers of more than a turn, which are hardly radians."""
+    for joint, value in named.items():
+        if np.size(value) != 1 or not is_revolute(mechanism.model.joints[mechanism.joint_index(joint)]):
+            continue
+        angle = float(np.ravel(value)[0])
+        if TURN < abs(angle) <= 360.0 and angle.is_integer():
+            warn(
+                f"{mechanism.name}: {joint} = {angle:g} is read in rad, {angle / tau:.1f} turns. For {angle:g} degrees "
+                f"write numpy.radians({angle:g}), on the command line --at {joint}={angle:g}deg"
+            )
 
 
 def not_kept(mechanism, named, q, tolerance: float = KEPT) -> list[str]:

@@ -1,5 +1,6 @@
 """The numbers of configurations and velocities: names, units, conversion of user input, and joint limits."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import cos, inf, sin, tau
@@ -120,6 +121,11 @@ def _quaternion(turn, what):
     if np.abs(R.T @ R - np.eye(3)).max() > ROTATION or np.linalg.det(R) < 0.0:
         raise InputError(f"{what}: its matrix is not a rotation")
     return pin.Quaternion(R).coeffs()
+
+
+def is_revolute(joint) -> bool:
+    """Whether a joint of a model turns about one axis."""
+    return re.match("JointModelR(U?B?[XYZ]|evolute)", joint.shortname()) is not None
 
 
 def joints_in(mechanism, variations) -> tuple[str, ...]:

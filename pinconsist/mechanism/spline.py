@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from numbers import Real
 
 import numpy as np
 
@@ -28,7 +29,9 @@ class Spline:
         try:
             times, values = table
         except (TypeError, ValueError):
-            raise InputError(f"{what} must be a function of time or a table (times, values), got {table!r}") from None
+            held = f"; to hold the joint there: pinconsist.Motion(start={table!r})" if isinstance(table, Real) else ""
+            reason = f"{what} must be a function of time or a table (times, values), got {table!r}{held}"
+            raise InputError(reason) from None
         times, values = finite_array(times, f"{what}: times"), finite_array(values, f"{what}: values")
         if times.ndim != 1 or times.shape != values.shape or len(times) < 2:
             raise InputError(
