@@ -372,10 +372,10 @@ class Solution(ByName):
             )
         if not len(self.t):
             raise InputError(f"the solution has no rows to {'check' if method == 'check' else 'compute energies of'}")
-        require_mechanism(self, mechanism)
         self._require_forces(mechanism)
 
     def _require_forces(self, mechanism):
+        require_mechanism(self, mechanism)
         forces = self.method.get("forces")
         if mechanism is not None and forces not in (None, len(mechanism.forces)):
             raise InputError(

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import partial
+from numbers import Real
 from typing import ClassVar
 
 import numpy as np
@@ -137,7 +138,7 @@ class Drive:
     def __post_init__(self):
         who = f"drive {self.name!r}"
         put_checked(self, who, name, "name", "joint")
-        if isinstance(self.curve, list | tuple | np.ndarray):
+        if isinstance(self.curve, list | tuple | np.ndarray | Real):
             put(self, curve=Spline.of(self.curve, f"{who}: its curve"))
         require_functions(self, who, "time", "curve", optional=("rate", "acceleration"))
         put(self, knots=knots_of(self.knots, f"{who}: knots"))

@@ -40,10 +40,11 @@ def _names(model, sizes):
 
 def velocity_units(model) -> list[str]:
     """``rad`` or ``m`` for each number of a velocity, without "per second"."""
-    data, units = model.createData(), []
-    pin.computeJointJacobians(model, data, pin.neutral(model))  # sets the axes of helical joints
-    for joint in list(data.joints)[1:]:
-        motions = np.reshape(joint.S, (6, -1))
+    neutral, units = pin.neutral(model), []
+    for joint in list(model.joints)[1:]:
+        data = joint.createData()
+        joint.calc(data, neutral, np.zeros(model.nv))  # sets the axes of helical joints
+        motions = np.reshape(data.S, (6, -1))
         units += ["rad" if turns else "m" for turns in np.abs(motions[3:]).max(axis=0) > 0.0]
     return units
 
