@@ -16,13 +16,14 @@ import numpy as np
 import typer
 
 from pinconsist import Event, InputError, assemble, load
-from pinconsist._core.steppers import stepper_for
 from pinconsist.cli import output
-from pinconsist.dae.integrate import integrate
-from pinconsist.dae.output import Output
-from pinconsist.dae.tuning import WORTH, Switches
+from pinconsist.engine import constant
 from pinconsist.mechanism.system import MechanismSystem
-from pinconsist.options import Options
+from pinconsist.run.control import Switches
+from pinconsist.run.integrate import integrate
+from pinconsist.run.options import Options
+from pinconsist.run.output import Output
+from pinconsist.run.steppers import stepper_for
 from pinconsist.view.visuals import visuals
 
 from . import report
@@ -30,7 +31,6 @@ from . import report
 SCENES = {"crank_rocker": 2.0, "andrews": 0.02, "bricard": 4.0, "delta_robot": 0.5, "chain_8": 1.0, "chain_64": 1.0}
 """The scenes and how long they run, s."""
 ELSEWHERE = 0.5  # s, of any other scene
-FEW = 8  # velocities per constraint from which constraints are few, as in kkt.hpp
 
 
 @dataclass(frozen=True)
@@ -44,17 +44,11 @@ class Variant:
     concerns: Callable[[MechanismSystem], bool] = lambda system: True  # else the variant changes nothing
 
 
-def _has_loops(system):
-    return system.nc > 0
-
-
 def _switched_off(switch):
     """The compiled method without one of its switches, where the size of the system lets it act."""
     concerns = {
-        "loop_forecast": _has_loops,
-        "jacobian_reuse": lambda system: system.nv >= WORTH,
-        "kept_derivatives": lambda system: system.nv < WORTH,
-        "few_constraints": lambda system: 0 < FEW * system.nc <= system.nv,
+        "jacobian_reuse": lambda system: system.nv >= constant("WORTH"),
+        "kept_derivatives": lambda system: system.nv < constant("WORTH"),
     }
     name = f"{switch.replace('_', ' ')} off"
     return Variant(name, off=switch, concerns=concerns.get(switch, Variant.concerns))

@@ -8,9 +8,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from pinconsist import PinconsistError
-from pinconsist.dae.charts import chart_point, fastest_turn, turning_coordinates
-from pinconsist.dae.index1 import solve_acceleration
-from pinconsist.paper.index1 import right_hand_side
+from pinconsist.engine.charts import chart_point, fastest_turn, turning_coordinates
+from pinconsist.paper.index1 import acceleration, right_hand_side
 
 from .peers.problem import Problem
 
@@ -62,7 +61,7 @@ class DenseReference:
     def _dense(self, rtol, most):
         """(dense output, evaluations), or (None, evaluations) where that many are not enough."""
         problem, system = self.problem, self.system
-        f = right_hand_side(system, problem.q0, partial(solve_acceleration, system))
+        f = right_hand_side(system, problem.q0, partial(acceleration, system))
         count = 0
 
         def counted(t, y):
@@ -87,7 +86,7 @@ class DenseReference:
         y = self.dense(times).T
         q = np.array([chart_point(self.system, self.problem.q0, xi) for xi in y[:, : self.system.nx]])
         v = y[:, self.system.nx :]
-        kept = np.array([solve_acceleration(self.system, *row)[1] for row in zip(times, q, v, strict=True)])
+        kept = np.array([acceleration(self.system, *row)[1] for row in zip(times, q, v, strict=True)])
         return q, v, self.problem.multipliers(q, kept)
 
     def _forces(self, *stacks):

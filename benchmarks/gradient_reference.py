@@ -4,8 +4,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from pinconsist import PinconsistError
-from pinconsist._core.gradients import index1_of
-from pinconsist.dae.charts import chart_point
+from pinconsist.engine.charts import chart_point
+from pinconsist.engine.index1 import Index1
 from pinconsist.gradients.prepare import named_start
 from pinconsist.mechanism.assembly import assembled
 from pinconsist.mechanism.closing import LoopSolver
@@ -22,14 +22,14 @@ def reference(mech, q0, v0, times):
     solver = LoopSolver(mech, times[0])
     start = assembled(solver, q0, v0)
     system = MechanismSystem(mech, start.q, times[0], solver)
-    index1, t, p, v, rows = index1_of(system), times[0], start.q, start.v, []
+    index1, t, p, v, rows = Index1(system), times[0], start.q, start.v, []
     rows.append((p, v, system.full_multipliers(p, index1.state(t, p, v)[3])))
     for end in times[1:]:
         for stop in np.linspace(t, end, 2 if system.dropped_are_zero else PIECES + 1)[1:]:
             t, p, v, lam = _followed(index1, t, p, v, stop)
             full = system.full_multipliers(p, lam)
             if (fresh := system.reselected(p)) is not None:
-                system, index1 = fresh, index1_of(fresh)
+                system, index1 = fresh, Index1(fresh)
         rows.append((p, v, full))
     return system, tuple(map(np.array, zip(*rows, strict=True)))
 

@@ -12,11 +12,11 @@ import typer
 from scipy.linalg.lapack import dgesv
 
 from pinconsist import assemble, load, simulate
-from pinconsist._core.steppers import stepper_for
 from pinconsist.cli import output
 from pinconsist.cli.scene import option
 from pinconsist.mechanism.system import MechanismSystem
-from pinconsist.options import Options
+from pinconsist.run.options import Options
+from pinconsist.run.steppers import stepper_for
 
 from . import report
 from .against import against

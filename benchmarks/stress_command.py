@@ -11,7 +11,7 @@ import typer
 from pinconsist import InputError
 from pinconsist.cli import output
 from pinconsist.cli.scene import option
-from pinconsist.interrupts import interrupted
+from pinconsist.run.interrupts import interrupted
 
 from . import report
 from .stress import SUBJECTS, by_peers, cases

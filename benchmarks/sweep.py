@@ -13,10 +13,10 @@ from typing import Annotated
 import numpy as np
 
 from pinconsist import load, simulate, sweep
-from pinconsist._core.steppers import Stepper
 from pinconsist.cli import output
 from pinconsist.cli.scene import option
-from pinconsist.sweep_table import Journal, SceneSweep, write_table
+from pinconsist.run.steppers import Stepper
+from pinconsist.run.sweep_table import Journal, SceneSweep, write_table
 
 from . import report
 

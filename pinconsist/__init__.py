@@ -6,13 +6,19 @@ The public names are those of ``__init__.pyi``. They are loaded when first used,
 import logging as _logging
 import os as _os
 import re as _re
+import warnings as _warnings
 from importlib import import_module as _import_module
+
+from .engine import trouble as _trouble
 
 __version__ = "0.1.0"
 
 with open(_os.path.splitext(__file__)[0] + ".pyi", encoding="utf-8") as _stub:
     _MODULE_OF = {name: module for module, name in _re.findall(r"^from \.(\S+) import (\w+)", _stub.read(), _re.M)}
 __all__ = sorted(_MODULE_OF)
+
+if _why := _trouble():
+    _warnings.warn(f"there are no runs: {_why}", RuntimeWarning, stacklevel=2)
 
 _logging.getLogger(__name__).addHandler(_logging.NullHandler())  # silent unless the application listens
 

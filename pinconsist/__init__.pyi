@@ -1,7 +1,6 @@
 # The public names, each in one line "from .module import Name as Name": __init__.py reads them, as type checkers do.
 
 from . import paper as paper
-from .accuracy import GlobalError as GlobalError
 from .analysis.actuation import Actuation as Actuation
 from .analysis.equilibrium import Equilibrium as Equilibrium
 from .analysis.equilibrium import equilibrium as equilibrium
@@ -11,9 +10,7 @@ from .analysis.linearize import Linearization as Linearization
 from .analysis.linearize import linearize as linearize
 from .analysis.modes import Modes as Modes
 from .analysis.variations import Derivatives as Derivatives
-from .certificate import Certificate as Certificate
-from .dae.events import Event as Event
-from .dae.hessenberg import HessenbergProblem as HessenbergProblem
+from .engine.hessenberg import HessenbergProblem as HessenbergProblem
 from .errors import AssemblyError as AssemblyError
 from .errors import EquilibriumError as EquilibriumError
 from .errors import FormatError as FormatError
@@ -55,17 +52,20 @@ from .mechanism.motion import Motion as Motion
 from .mechanism.peaks import Peak as Peak
 from .mechanism.reactions import JointForce as JointForce
 from .mechanism.reactions import Reaction as Reaction
-from .results import ElementForce as ElementForce
-from .runs import Rerun as Rerun
-from .runs import record as record
-from .runs import rerun as rerun
-from .runs import resume as resume
-from .simulation import integrate as integrate
-from .simulation import simulate as simulate
-from .solution import Solution as Solution
-from .stepping import Simulation as Simulation
-from .sweeps import Outcome as Outcome
-from .sweeps import sweep as sweep
+from .run.accuracy import GlobalError as GlobalError
+from .run.certificate import Certificate as Certificate
+from .run.events import Event as Event
+from .run.results import ElementForce as ElementForce
+from .run.runs import Rerun as Rerun
+from .run.runs import record as record
+from .run.runs import rerun as rerun
+from .run.runs import resume as resume
+from .run.simulation import integrate as integrate
+from .run.simulation import simulate as simulate
+from .run.solution import Solution as Solution
+from .run.stepping import Simulation as Simulation
+from .run.sweeps import Outcome as Outcome
+from .run.sweeps import sweep as sweep
 from .view.page import export_html as export_html
 from .view.page import replay as replay
 from .view.plots import plot as plot

@@ -12,10 +12,10 @@ import pytest
 from helpers import actuated
 
 import pinconsist as pc
-from pinconsist.dae.index1 import solve_acceleration
 from pinconsist.mechanism.lie import difference
 from pinconsist.mechanism.names import velocity_names
 from pinconsist.mechanism.system import MechanismSystem
+from pinconsist.paper.index1 import acceleration
 
 ROBOTS = Path(__file__).resolve().parents[2] / "shared" / "robots"
 CASSIE = tuple(f"{side}-{joint}-op" for side in ("left", "right") for joint in ("roll", "yaw", "pitch", "knee", "foot"))
@@ -98,7 +98,7 @@ def test_the_reduced_dynamics_are_those_of_all_joints(name):
     assert np.abs(J @ v).max() < 1e-10 * np.abs(v).max()
     np.testing.assert_allclose(v[columns], v_a, atol=1e-12)
     system = MechanismSystem(act.mechanism.add_forces(full), q)
-    a, _ = solve_acceleration(system, 0.0, q, v)
+    a, _ = acceleration(system, 0.0, q, v)
     size = np.abs(a).max()
     a_a = act.forward(q, v_a, tau)
     np.testing.assert_allclose(a_a, a[columns], atol=1e-10 * size)

@@ -7,8 +7,8 @@ from helpers import sdf_texts
 from helpers.warned import told
 
 import pinconsist as pc
-from pinconsist._core.systems import compiled_system
 from pinconsist.cli.app import main
+from pinconsist.engine.systems import compiled_system
 from pinconsist.mechanism.system import MechanismSystem
 from pinconsist.view.motion import Run
 

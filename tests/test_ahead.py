@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import pinconsist as pc
-from pinconsist._core.steppers import Stepper
-from pinconsist.dae.events import reads_multipliers
-from pinconsist.dae.tuning import LOOKS, LOOKS_OF_BDF
+from pinconsist.engine import constant
+from pinconsist.run.events import reads_multipliers
+from pinconsist.run.steppers import Stepper
 
 START = {"v0": {"crank": 12.0}}
 RUN = ("crank_rocker", (0.0, 0.4))
@@ -153,7 +153,7 @@ def test_no_event_is_looked_for_beyond_one_that_changes_the_run(method):
     sol = run({"events": pc.Event(g, terminal=True), "method": method})
     latest = max(times)
     assert sol.status == 1 and times[times.index(latest) - 1] < sol.t[-1] <= latest
-    assert len(times) <= (sol.nsteps + 1) * ((LOOKS if method == "Radau" else LOOKS_OF_BDF) + 1) + 80
+    assert len(times) <= (sol.nsteps + 1) * (constant("LOOKS" if method == "Radau" else "LOOKS_OF_BDF") + 1) + 80
 
 
 def test_backwards_events_are_those_of_the_steps_looked_at_one_by_one(monkeypatch):

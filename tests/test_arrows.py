@@ -12,52 +12,22 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1] / "pinconsist"
 FILES = {path.relative_to(ROOT).as_posix(): path for path in sorted(ROOT.rglob("*.py"))}
 
-# Which part may import which. simulation.py and comparison.py join dae and mechanism into runs; mechanism knows of
-# dae only the protocol Index3System, the certificate only how to solve for accelerations.
+# Which room may import which. Mechanism knows of the engine only the form of its systems.
 MAY_IMPORT = {
     "__init__": set(),  # the public names, loaded when they are used; for the command line alone
     "errors": set(),
-    "dae": {"errors"},
-    "_core": {"dae", "errors"},
-    "mechanism": {"dae", "errors"},
-    "analysis": {"mechanism", "_core", "files", "errors"},
-    "accuracy": {"options", "_core", "dae", "mechanism", "errors"},
-    "certificate": {"accuracy", "_core", "dae", "mechanism", "errors"},
-    "states": {"accuracy", "options", "_core", "dae", "mechanism", "errors"},
-    "quantities": {"results", "mechanism", "errors"},
-    "results": {"accuracy", "states", "mechanism", "files", "errors"},
-    "solution": {
-        "accuracy",
-        "certificate",
-        "_core",
-        "results",
-        "quantities",
-        "mechanism",
-        "solution_file",
-        "states",
-        "errors",
-        "view",
-    },
-    "options": {"_core", "dae", "mechanism", "errors"},
-    "simulation": {"options", "_core", "dae", "mechanism", "solution", "interrupts", "errors"},
-    "gradients": {"simulation", "_core", "dae", "mechanism", "quantities", "solution", "states", "errors"},
-    "stepping": {"options", "_core", "dae", "mechanism", "solution", "errors"},
     "files": {"errors"},
-    "interrupts": set(),
-    "solution_file": {"certificate", "files", "errors"},
-    "checkpoints": {"simulation", "options", "formats", "mechanism", "interrupts", "errors"},
-    "scene_source": {"formats", "errors"},
-    "runs": {"checkpoints", "scene_source", "mechanism", "solution", "solution_file", "interrupts", "files", "errors"},
+    "engine": {"errors"},
+    "mechanism": {"engine", "errors"},
+    "analysis": {"mechanism", "engine", "files", "errors"},
     "formats": {"mechanism", "files", "errors"},
-    "view": {"mechanism", "files", "quantities", "errors"},
-    "paper": {"dae", "mechanism", "errors", "simulation"},
-    "sweeps": {"interrupts", "errors"},
-    "sweep_table": {"_core", "mechanism", "files", "quantities", "solution_file", "errors", "simulation"},
-    "cli": {"simulation", "view", "formats", "solution", "certificate", "mechanism", "dae", "errors"}
-    | {"sweeps", "sweep_table", "checkpoints", "scene_source", "runs", "quantities", "results"}
-    | {"__init__", "files", "interrupts", "paper"},
+    "view": {"mechanism", "files", "errors"},
+    "run": {"engine", "mechanism", "formats", "view", "files", "errors"},
+    "gradients": {"run", "engine", "mechanism", "errors"},
+    "paper": {"run", "engine", "mechanism", "errors"},
+    "cli": {"__init__", "paper", "run", "view", "formats", "mechanism", "files", "errors"},
 }
-DAE_SEEN_BY = {"certificate": {"norms"}, "mechanism": {"problem", "arguments"}, "cli": set()}
+ENGINE_SEEN_BY = {"mechanism": {"problem", "arguments"}}
 OPTIONAL = {"meshcat", "matplotlib", "pandas", "casadi", "rich", "typer", "yaml", "defusedxml", "coal"}
 TOP_LEVEL_ALLOWED = {  # parsers: catalogue.py and scene.py import these files only where they are used
     "formats/loopfile.py": {"yaml"},
@@ -89,7 +59,7 @@ def imports(name, tree=None):
 
 
 def inner(name):
-    """Parts and modules of the package that a file imports, as tuples ("dae", "newton")."""
+    """Parts and modules of the package that a file imports, as tuples ("engine", "kkt")."""
     for module, node in imports(name):
         first, *rest = module.split(".")
         if module == "pinconsist" and isinstance(node, ast.Import):
@@ -118,9 +88,9 @@ def test_arrows_point_one_way(name):
     part = part_of(name)
     wrong = {rest[0] for rest in inner(name) if rest[0] not in {part, *MAY_IMPORT[part]}}
     assert not wrong, f"{name} imports {', '.join(sorted(wrong))}"
-    if part in DAE_SEEN_BY:
-        seen = {rest[1] for rest in inner(name) if rest[0] == "dae" and len(rest) > 1}
-        assert seen <= DAE_SEEN_BY[part], f"{name} imports dae.{seen}"
+    if part in ENGINE_SEEN_BY:
+        seen = {rest[1] for rest in inner(name) if rest[0] == "engine" and len(rest) > 1}
+        assert seen <= ENGINE_SEEN_BY[part], f"{name} imports engine.{seen}"
 
 
 def test_the_parts_form_no_cycle():
@@ -156,7 +126,7 @@ CYCLES: dict[str, set[str]] = {}  # modules of a part that still import each oth
 
 
 def module_of(parts):
-    """The file that a name is imported from: ("dae", "newton", "KKT") is of dae/newton.py, a package alone of none."""
+    """The file that a name is imported from: ("engine", "kkt", "KKT") is of engine/kkt.py, a package alone of none."""
     if "/".join((*parts, "__init__.py")) in FILES:
         return None
     ends = [
@@ -180,7 +150,7 @@ def test_the_modules_inside_a_part_form_no_cycle(part):
     assert cyclic(needs) == CYCLES.get(part, set())
 
 
-@pytest.mark.parametrize("name", [name for name in FILES if part_of(name) == "dae"])
+@pytest.mark.parametrize("name", [name for name in FILES if part_of(name) == "engine"])
 def test_the_method_knows_numpy_and_scipy_only(name):
     foreign = {module.split(".")[0] for module, _ in imports(name)} - sys.stdlib_module_names
     foreign -= {"numpy", "scipy", "pinconsist"}
@@ -251,30 +221,3 @@ def test_tests_import_no_tests():
                 names.append(node.module)
             taken = {name.rpartition(".")[2] for name in names} & set(tests.values())
             assert not taken, f"{path.name} imports {taken}"
-
-
-def test_the_methods_work_where_pinocchio_is_not_installed():
-    """A pendulum by the general form, with Pinocchio hidden."""
-    code = """if True:
-        import sys
-        sys.modules["pinocchio"] = None
-        import numpy as np
-        from pinconsist.dae.control import FixedStep
-        from pinconsist.dae.hessenberg import HessenbergProblem
-        from pinconsist._core.steppers import stepper_for
-        from pinconsist.dae.integrate import Method, integrate
-        from pinconsist.dae.output import Output
-        p, v = np.array([1.0, 0.0]), np.zeros(2)
-        problem = HessenbergProblem(
-            U=lambda t, p, v: v,
-            F=lambda t, p, v: np.array([0.0, -9.81]),
-            G=lambda t, p, v: p[:, None],
-            R=lambda t, p: np.array([(p @ p - 1.0) / 2]),
-        )
-        system, method = problem.at(0.0, p, v), Method(3, "every-step", FixedStep(), 1e-2)
-        run = integrate(system, (0.0, 0.5), p, v, method, Output(), stepper_for(system, method))
-        print(run.status, *run.p[-1])
-    """
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT.parent, check=True)
-    status, x, y = map(float, run.stdout.split())
-    assert status == 0 and abs(x**2 + y**2 - 1.0) < 1e-12 and y < -0.7

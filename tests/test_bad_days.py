@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 import pinconsist as pc
-from pinconsist._core import required
+from pinconsist.engine import required
 from pinconsist.files import written_whole
 
 ROOT = Path(pc.__file__).resolve().parents[1]
@@ -226,7 +226,7 @@ def test_a_read_only_install_and_no_home(tmp_path, unprivileged):
     install, home = tmp_path / "install", tmp_path / "home"
     for folder in ("pinconsist", "models"):
         shutil.copytree(ROOT / folder, install / folder, ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.copy(required().__file__, install / "pinconsist" / "_core")
+    shutil.copy(required().__file__, install / "pinconsist" / "engine")
     # an editable install finds the checkout by a hook, before any path
     hook = "import sys\nsys.meta_path[:] = [x for x in sys.meta_path if 'Redirecting' not in type(x).__name__]\n"
     (install / "sitecustomize.py").write_text(hook)
@@ -328,7 +328,7 @@ def test_no_port_for_the_viewer_is_said(monkeypatch):
 
 def test_out_of_memory_keeps_what_was_saved(tmp_path, monkeypatch):
     """A stretch that finds no memory; which allocation fails first on a real machine nobody knows."""
-    from pinconsist import checkpoints
+    from pinconsist.run import checkpoints
 
     integrate, calls = checkpoints.integrate, []
 

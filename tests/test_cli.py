@@ -484,8 +484,8 @@ def cut_short(monkeypatch):
         return simulate(mech, span, *start, **options | {"callback": stop}, method="BDF")
 
     simulate = pinconsist.simulate
-    monkeypatch.setattr("pinconsist.checkpoints.simulate", interrupted)
-    monkeypatch.setattr("pinconsist.checkpoints.integrate", partial(interrupted_integrate, pinconsist.integrate))
+    monkeypatch.setattr("pinconsist.run.checkpoints.simulate", interrupted)
+    monkeypatch.setattr("pinconsist.run.checkpoints.integrate", partial(interrupted_integrate, pinconsist.integrate))
 
 
 def interrupted_integrate(integrate, mech, span, q, v, **options):

@@ -7,7 +7,7 @@ from helpers import scenes
 from helpers.zoo import scaled_bead
 
 import pinconsist as pc
-from pinconsist.dae.output import Record
+from pinconsist.run.output import Record
 
 V0 = np.array([0.5, -1.0, 0.3, 1.0, 0.4, -0.6])
 

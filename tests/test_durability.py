@@ -18,7 +18,7 @@ import pytest
 from helpers.command_line import called
 
 import pinconsist as pc
-from pinconsist import solution_file
+from pinconsist.run import solution_file
 
 ARRAYS = ("t", "q", "v", "lam", "h", "order")
 COUNTERS = ("nsteps", "nfev", "njev", "nlu", "rejected")

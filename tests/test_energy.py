@@ -8,7 +8,7 @@ import pytest
 from helpers.scenes import slider
 
 import pinconsist as pc
-from pinconsist.dae.index1 import solve_acceleration
+from pinconsist.paper.index1 import acceleration
 
 TIGHT = {"rtol": 1e-9, "atol": 1e-11}
 M, G = 2.0, 9.81
@@ -60,7 +60,7 @@ def test_powers_add_up_to_the_rate_of_the_energy(scene):
     energy, h = sol.energy(), 1e-4
     for i in (0, len(sol.t) // 2, -1):
         t, q, v = sol.t[i], sol.q[i], sol.v[i]
-        a = solve_acceleration(sol.system, t, q, v)[0]
+        a = acceleration(sol.system, t, q, v)[0]
         near = [s * h for s in (-2, -1, 1, 2)]
         rows = dataclasses.replace(
             sol, t=np.array([t + s for s in near]), q=np.array([q + s * v + 0.5 * s**2 * a for s in near]),

@@ -2,9 +2,13 @@
 
 import dataclasses
 import gc
+import shutil
 import signal
+import subprocess
+import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -15,10 +19,12 @@ from helpers.twin import LOOSE, assert_same, with_switches
 from scipy.integrate import solve_ivp
 
 import pinconsist as pc
-from pinconsist import _core
-from pinconsist._core import steppers, tree
-from pinconsist.dae.tuning import Switches
+from pinconsist import engine
+from pinconsist.engine import tree
+from pinconsist.run import steppers
+from pinconsist.run.control import Switches
 
+ROOT = Path(__file__).resolve().parents[1]
 OFF = dict.fromkeys((switch.name for switch in dataclasses.fields(Switches)), False)
 
 
@@ -90,31 +96,37 @@ def test_other_threads_run_and_an_interrupt_comes_through():
     assert sum(begun < tick < begun + took for tick in ticks) > 20
 
 
-def test_sources_without_their_compiled_part_say_where_they_are(tmp_path):
-    """An installed pinconsist may well have its compiled part."""
-    plain = _core._absent(tmp_path)
+def test_a_missing_compiled_part_is_told(monkeypatch, tmp_path):
+    monkeypatch.setattr(engine, "find_spec", lambda name: None)
+    monkeypatch.setattr(engine, "FOLDER", tmp_path / "pinconsist" / "engine")
+    assert "was installed without its compiled part" in engine.trouble()
     (tmp_path / "CMakeLists.txt").touch()
-    sources = _core._absent(tmp_path)
-    assert "was installed without its compiled part" in plain and "installed without" not in sources
+    sources = engine.trouble()  # an installed pinconsist may well have its compiled part
     assert str(tmp_path) in sources and "another folder" in sources and f"-m pip install -e {tmp_path}" in sources
 
 
-def refused(monkeypatch, owner, name, value):
-    """Why the compiled part is not loaded where something else is there than it was built for."""
-    _core.load.cache_clear()
-    monkeypatch.setattr(owner, name, value)
+def test_a_compiled_part_that_is_older_than_its_sources_is_told_and_not_used(monkeypatch):
+    if not (ROOT / "CMakeLists.txt").is_file():
+        pytest.skip("not a checkout")
+    assert engine.trouble() == ""
+    monkeypatch.setattr(engine, "digest_of", lambda folder: "of other sources")
+    assert "is older than its sources" in engine.trouble() and "-m pip install -e" in engine.trouble()
+    engine.required.cache_clear()
     try:
-        module, why = _core.load()
+        with pytest.raises(pc.PinconsistError, match="older than its sources"):
+            pc.simulate(pc.load("four_bar"), (0.0, 0.1))
     finally:
-        monkeypatch.undo()
-        _core.load.cache_clear()
-    assert module is None
-    return why
+        engine.required.cache_clear()
 
 
-def test_a_compiled_part_of_another_version_is_named_and_not_used(monkeypatch):
-    why = refused(monkeypatch, _core, "INTERFACE", -1)
-    assert "not have the version of the Python code" in why and "twin." in why and "install pinconsist again" in why
+def test_trouble_is_told_at_import(tmp_path):
+    """By a copy of the sources beside an installed package."""
+    shutil.copytree(ROOT / "pinconsist", tmp_path / "pinconsist", ignore=shutil.ignore_patterns("*.so", "__pycache__"))
+    (tmp_path / "CMakeLists.txt").touch()
+    code = "import sys; sys.meta_path[:] = [each for each in sys.meta_path if 'ditable' not in type(each).__name__]\n"
+    code += "sys.path.insert(0, '.'); import pinconsist; print(pinconsist.__file__)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=True)
+    assert run.stdout.startswith(str(tmp_path)) and "without its compiled part" in run.stderr
 
 
 def test_what_a_called_back_function_raises_leaves_what_was_reached():
@@ -133,7 +145,7 @@ def test_what_a_called_back_function_raises_leaves_what_was_reached():
 def test_a_solution_holds_no_compiled_system():
     """It would keep the user's functions alive in a cycle that the garbage collector does not see."""
     sol = pc.simulate(pc.load("four_bar"), (0.0, 0.2), forces=[lambda t, q, v: -0.1 * v])
-    compiled_kinds = tuple(getattr(_core.load()[0], name) for name in ("System", "Projection", "Stepper"))
+    compiled_kinds = tuple(getattr(engine.required(), name) for name in ("System", "Projection", "Stepper"))
     assert not any(isinstance(value, compiled_kinds) for value in vars(sol.system).values())
 
 
@@ -281,7 +293,7 @@ def test_the_argument_backend_has_no_effect_and_says_so():
 
 def test_without_the_compiled_part_a_run_says_what_to_do(monkeypatch):
     why = "pinconsist was installed without its compiled part"
-    monkeypatch.setattr(_core, "load", lambda: (None, why))
+    monkeypatch.setattr(engine, "load", lambda: (None, why))
     with pytest.raises(pc.PinconsistError, match=why):
         pc.simulate(pc.load("four_bar"), (0.0, 0.05))
 
@@ -297,7 +309,7 @@ def test_a_mechanism_that_is_called_back_as_any_other_system_moves_the_same(how,
     )
     options = {"rtol": 1e-8, "atol": 1e-9} | CALLED_BACK[how]
     native = pc.simulate(mech, (0.0, 0.1), **options)
-    monkeypatch.setattr(steppers, "compiled_system", lambda system: _core.load()[0].CallbackSystem(system))
+    monkeypatch.setattr(steppers, "compiled_system", lambda system: engine.required().CallbackSystem(system))
     called_back = pc.simulate(mech, (0.0, 0.1), **options)
     assert native.success and called_back.success
     within = 1e-12 if how == "steps" else 1e-6
@@ -353,9 +365,9 @@ def test_the_workspace_of_data_is_found_again_though_they_hold_a_nan():
     data, before = model.createData(), len(tree._workspaces)
     data.oMi[1].translation[:] = np.nan
     assert data != data
-    first = tree.workspace(_core.required(), model, data)
-    assert tree.workspace(_core.required(), model, data) is first and len(tree._workspaces) == before + 1
-    assert tree.workspace(_core.required(), model, model.createData()) is not first
+    first = tree.workspace(engine.required(), model, data)
+    assert tree.workspace(engine.required(), model, data) is first and len(tree._workspaces) == before + 1
+    assert tree.workspace(engine.required(), model, model.createData()) is not first
     del data
     gc.collect()
     assert len(tree._workspaces) == before

@@ -8,8 +8,8 @@ import pytest
 from helpers.scenes import held_mass, sliding_mass
 
 import pinconsist as pc
-from pinconsist.dae.failure import failure_report
-from pinconsist.dae.rounding import Pace
+from pinconsist.engine.failure import failure_report
+from pinconsist.engine.rounding import Pace
 
 FAILURE = "the error test fails at any step size"
 

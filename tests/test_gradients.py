@@ -15,10 +15,10 @@ from helpers.gradients import SCENES, bricard, crank_rocker, hits, slider_crank
 
 import pinconsist as pc
 from benchmarks.gradient_reference import SIX, differences, reference, worst
-from pinconsist._core.gradients import _known_rates
-from pinconsist.dae.norms import EPS
+from pinconsist.engine.norms import EPS
 from pinconsist.gradients.leg import legs_of
 from pinconsist.gradients.prepare import prepared
+from pinconsist.gradients.propagator import _known_rates
 from pinconsist.gradients.starts import Start
 
 TIGHT = {"rtol": 1e-8, "atol": 1e-8}

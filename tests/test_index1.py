@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import pinconsist as pc
-from pinconsist.dae.index1 import NotFiniteError, project_position, solve_acceleration
-from pinconsist.dae.norms import EPS
+from pinconsist.engine.index1 import Index1, NotFiniteError
+from pinconsist.engine.norms import EPS
 
 
 @pytest.mark.parametrize("length", [1e-3, 1.0, 1e3, 1e6])
@@ -21,7 +21,7 @@ def test_positions_are_put_on_the_constraint_in_any_unit_of_length(length):
     for angle in np.linspace(0.1, 6.0, 20):
         direction = np.array([np.cos(angle), np.sin(angle)])
         p, v = 1.01 * length * direction, length * np.array([-direction[1], direction[0]])
-        found = project_position(problem.at(0.0, p, v), 0.0, p, v)
+        found = Index1(problem.at(0.0, p, v)).projected(0.0, p, v)[0]
         assert np.linalg.norm(found) == pytest.approx(length, rel=4 * EPS)
         assert found @ direction == pytest.approx(length, rel=4 * EPS)  # straight in: the mass is the same each way
 
@@ -35,4 +35,4 @@ def test_accelerations_that_are_not_finite_say_when():
     )
     p, v = np.array([0.6, 0.8]), np.zeros(2)
     with pytest.raises(NotFiniteError, match=r"not finite at t = 0\.3: a force or a user's function"):
-        solve_acceleration(problem.at(0.0, p, v), 0.3, p, v)
+        Index1(problem.at(0.0, p, v)).acceleration(0.3, p, v)

@@ -10,7 +10,7 @@ from helpers.held_bodies import AXIS, AXIS2, E
 from helpers.loops import KINDS, PAIRS, closed_gap, loop_of, loop_open_by
 
 import pinconsist as pc
-from pinconsist.dae.charts import chart_matrix
+from pinconsist.engine.charts import chart_matrix
 from pinconsist.mechanism.loops import ROW_NAMES
 from pinconsist.mechanism.rows import KeptRows, LoopRows
 from pinconsist.mechanism.system import MechanismSystem

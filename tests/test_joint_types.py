@@ -5,9 +5,9 @@ import pytest
 from helpers.joint_types import JOINTS, chain, of_pinocchio, state
 
 import pinconsist as pc
-from pinconsist._core.systems import compiled_system
 from pinconsist.analysis.variations import TangentSpace, closed_near
-from pinconsist.dae.index1 import Index1
+from pinconsist.engine.index1 import Index1
+from pinconsist.engine.systems import compiled_system
 from pinconsist.mechanism.lie import difference, integrate
 from pinconsist.mechanism.motion import first
 from pinconsist.mechanism.names import velocity_names

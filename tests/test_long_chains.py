@@ -3,15 +3,11 @@
 Only the compiled method does so.
 """
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
-from helpers.twin import with_switches
+from helpers.twin import with_constants, with_switches
 
 import pinconsist as pc
-from pinconsist import _core
-from pinconsist.dae import tuning
 
 
 @pytest.mark.parametrize("tol", [1e-4, 1e-7])
@@ -34,15 +30,8 @@ def test_multipliers_do_not_feel_a_matrix_kept_as_long_as_newton_converges(name,
     exact = pc.simulate(mech, (0.0, 1.0), t_eval=times, rtol=1e-12, atol=1e-12, **start)
     options = start | {"t_eval": times, "rtol": tol, "atol": tol}
     fresh = pc.simulate(mech, (0.0, 1.0), **options)
-    module = _core.load()[0]
-    numbers = {name: value for name, value in vars(tuning).items() if name.isupper()}
-    module.use_tuning(
-        SimpleNamespace(**numbers | {"WORTH": 0.01, "WIDEST": 1e9})
-    )  # as if a matrix were dear for small systems too
-    try:
+    with with_constants(WORTH=0.01, WIDEST=1e9):  # as if a matrix were dear for small systems too
         kept = pc.simulate(mech, (0.0, 1.0), **options)
-    finally:
-        module.use_tuning(tuning)
     assert kept.nlu < 0.7 * fresh.nlu
     errors = [np.abs(sol.lam - exact.lam).max() for sol in (kept, fresh)]
     assert errors[0] < 2.0 * errors[1]

@@ -9,7 +9,7 @@ from helpers import scenes
 from helpers.bodies import mixed_tree, random_state
 
 import pinconsist as pc
-from pinconsist.dae import charts
+from pinconsist.engine import charts
 from pinconsist.mechanism.system import MechanismSystem
 
 

@@ -12,16 +12,16 @@ from helpers.loops import KINDS, PAIRS, loop_open_by
 from scipy.interpolate import CubicSpline
 
 import pinconsist as pc
-from pinconsist import accuracy, certificate, solution
-from pinconsist._core.systems import blank_system
-from pinconsist._core.systems import compiled_system as twin_of
-from pinconsist.accuracy import measured
+from pinconsist.engine.systems import blank_system
+from pinconsist.engine.systems import compiled_system as twin_of
 from pinconsist.mechanism import rows
 from pinconsist.mechanism.energy import energy_of, integrals
 from pinconsist.mechanism.names import beyond_limits
 from pinconsist.mechanism.reactions import reactions
 from pinconsist.mechanism.rows import Workspace
 from pinconsist.mechanism.system import MechanismSystem
+from pinconsist.run import accuracy, certificate, solution
+from pinconsist.run.accuracy import measured
 
 
 def states_of(model, count=4):

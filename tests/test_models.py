@@ -12,7 +12,7 @@ from helpers.scenes import ANDREWS_JOINTS, on_stage
 
 import pinconsist as pc
 from pinconsist.mechanism.system import MechanismSystem
-from pinconsist.scene_source import SceneSource
+from pinconsist.run.scene_source import SceneSource
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 G = 9.81

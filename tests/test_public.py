@@ -252,7 +252,7 @@ def test_importing_loads_no_scipy_and_no_viewer():
 
 
 def test_the_function_simulate_is_not_hidden_by_a_module():
-    code = "import pinconsist.simulation, pinconsist as pc; print(callable(pc.simulate), callable(pc.integrate))"
+    code = "import pinconsist.run.simulation, pinconsist as pc; print(callable(pc.simulate), callable(pc.integrate))"
     printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert printed.strip() == "True True"
 

@@ -9,10 +9,10 @@ from helpers.extras import skips_missing_extras
 from scipy.integrate import solve_ivp
 
 import pinconsist as pc
-from pinconsist._core.steppers import BdfStepper, RadauStepper
-from pinconsist.dae.index1 import solve_acceleration
 from pinconsist.formats.catalogue import robot_file
 from pinconsist.mechanism.system import MechanismSystem
+from pinconsist.paper.index1 import acceleration
+from pinconsist.run.steppers import BdfStepper, RadauStepper
 
 PERIOD = 5e-3
 
@@ -37,11 +37,11 @@ def windows(count, sign=1.0, late=0):
         waiting.append(law(t, q, v))
         system = MechanismSystem(mech.add_forces({"crank": waiting.pop(0)}), q)
         run = solve_ivp(
-            lambda t, y, of=system: np.append(y[n:], solve_acceleration(of, t, y[:n], y[n:])[0]),
+            lambda t, y, of=system: np.append(y[n:], acceleration(of, t, y[:n], y[n:])[0]),
             (t, sign * (k + 1) * PERIOD), np.append(q, v), "DOP853", rtol=1e-12, atol=1e-13,
         )  # fmt: skip
         q, v = run.y[:n, -1], run.y[n:, -1]
-    lam = solve_acceleration(system, t, q, v)[1]
+    lam = acceleration(system, t, q, v)[1]
     return q, v, system.full_multipliers(q, lam)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import pinconsist as pc
-from pinconsist.interrupts import deferred
+from pinconsist.run.interrupts import deferred
 
 
 @pytest.fixture(autouse=True)
@@ -71,14 +71,14 @@ def interrupting(function, number=signal.SIGINT):
 
 
 LATE = {  # between the last step and the file
-    "march": ("pinconsist.dae.integrate", "march"),
-    "rows": ("pinconsist.dae.output.Record", "arrays"),
-    "steps": ("pinconsist.dae.output.Record", "steps"),
-    "solution": ("pinconsist.simulation", "Solution._from_trajectory"),
-    "stretch": ("pinconsist.checkpoints._Parts", "run"),
-    "chain": ("pinconsist.checkpoints._Parts", "add"),
-    "whole": ("pinconsist.checkpoints._Parts", "solution"),
-    "saved": ("pinconsist.solution.Solution", "save"),
+    "march": ("pinconsist.run.integrate", "march"),
+    "rows": ("pinconsist.run.output.Record", "arrays"),
+    "steps": ("pinconsist.run.output.Record", "steps"),
+    "solution": ("pinconsist.run.simulation", "Solution._from_trajectory"),
+    "stretch": ("pinconsist.run.checkpoints._Parts", "run"),
+    "chain": ("pinconsist.run.checkpoints._Parts", "add"),
+    "whole": ("pinconsist.run.checkpoints._Parts", "solution"),
+    "saved": ("pinconsist.run.solution.Solution", "save"),
 }
 
 
@@ -155,7 +155,7 @@ def test_signals_wait_in_blocks_within_blocks():
 
 
 def test_a_second_signal_later_on_acts_at_once_but_not_while_a_file_is_written(monkeypatch):
-    monkeypatch.setattr("pinconsist.interrupts.IMPATIENCE", 0.05)
+    monkeypatch.setattr("pinconsist.run.interrupts.IMPATIENCE", 0.05)
     with pytest.raises(KeyboardInterrupt), deferred(late=False):
         signal.raise_signal(signal.SIGINT)
         with deferred(impatient=False):
@@ -174,7 +174,7 @@ def test_a_function_that_never_returns_is_left_at_the_second_signal(monkeypatch)
                 time.sleep(0.01)
         return np.zeros(3)
 
-    monkeypatch.setattr("pinconsist.interrupts.IMPATIENCE", 0.2)
+    monkeypatch.setattr("pinconsist.run.interrupts.IMPATIENCE", 0.2)
     sol = pc.simulate(pc.load("four_bar"), (0.0, 1.0), forces=[stuck])
     assert sol.status == 1 and 0.1 < sol.t[-1] <= 0.3 and "interrupted" in sol.message
 
@@ -221,7 +221,7 @@ def test_an_error_after_a_signal_is_still_an_error(monkeypatch, capsys):
             broken()
         raise TypeError("a bug")
 
-    monkeypatch.setattr("pinconsist.checkpoints.carry_out", wrong)
+    monkeypatch.setattr("pinconsist.run.checkpoints.carry_out", wrong)
     with pytest.raises(TypeError, match="a bug"):
         app.main(["simulate", "four_bar", "--until", "0.1"])
     monkeypatch.setattr("pinconsist.paper.compare", wrong)

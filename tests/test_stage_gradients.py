@@ -7,7 +7,7 @@ from helpers.gradients import crank_rocker, two_balls
 
 import pinconsist as pc
 from benchmarks.gradient_reference import worst
-from pinconsist.dae import charts
+from pinconsist.engine import charts
 from pinconsist.mechanism.system import MechanismSystem
 
 STEPS = {1: (60, 120), 2: (20, 40), 3: (5, 10)}

@@ -9,7 +9,6 @@ from helpers import scenes, zoo
 from scipy.optimize import brentq
 
 import pinconsist as pc
-from pinconsist.dae.index1 import solve_acceleration
 from pinconsist.mechanism.system import MechanismSystem
 
 G = 9.81
@@ -321,7 +320,7 @@ def test_a_moving_state_against_differences_of_the_nonlinear_motion(name):
         rows = np.vstack((system.loop_rows(q)[1], pin.dDifference(model, linear.q, q, second)[index]))
         seen = rate - (pin.dDifference(model, linear.q, q, first) @ linear.v)[index]
         v = np.linalg.lstsq(rows, np.concatenate((np.zeros(mech.nc), seen)), rcond=1e-10)[0]
-        a, _ = solve_acceleration(MechanismSystem(mech, q), 0.0, q, v)
+        a, _ = acceleration(MechanismSystem(mech, q), 0.0, q, v)
 
         def relative(s):
             q0, q1 = pin.integrate(model, linear.q, s * linear.v), pin.integrate(model, q, s * v)

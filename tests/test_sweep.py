@@ -14,7 +14,7 @@ import pytest
 from helpers import sweep_cases as cases
 
 import pinconsist as pc
-from pinconsist.sweeps import sweep_in_processes
+from pinconsist.run.sweeps import sweep_in_processes
 
 INTERRUPT = "KeyboardInterrupt"
 

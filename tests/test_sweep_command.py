@@ -25,7 +25,7 @@ from helpers.command_line import called
 import pinconsist as pc
 from pinconsist.cli import main
 from pinconsist.cli.sweep import cases_of
-from pinconsist.sweep_table import Run
+from pinconsist.run.sweep_table import Run
 
 SWEEP = ("crank_rocker", "--vary", "crank_speed=5:8:0.1", "--until", "0.3")
 GEARED = """
@@ -124,7 +124,7 @@ def full(*_):
 def journal(run, monkeypatch):
     """The journal of a sweep whose table found no room on the disk, with all three rows."""
     with monkeypatch.context() as patch:
-        patch.setattr("pinconsist.sweep_table.write_table", full)
+        patch.setattr("pinconsist.run.sweep_table.write_table", full)
         code, _, err = run(*PENDULUM)
     assert code == 2 and "a.csv cannot be written: No space left on device. 3 rows" in err and "a.csv.partial" in err
     return Path("a.csv.partial")
@@ -162,7 +162,7 @@ def test_the_journal_of_a_scene_whose_file_has_changed_is_refused(run):
     pc.write(pc.load("planar_pendulum"), scene)
     arguments = (scene, *PENDULUM[1:])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pinconsist.sweep_table.write_table", lambda *_: 1 / 0)
+        patch.setattr("pinconsist.run.sweep_table.write_table", lambda *_: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             run(*arguments)
     scene.write_text(re.sub(r'mass value="[^"]*"', 'mass value="3.5"', scene.read_text()))
@@ -196,7 +196,7 @@ def test_a_journal_torn_anywhere_gives_the_same_table(run, journal, length, monk
     whole = Path("a.csv").read_bytes()
     journal.write_bytes(content[:length] if length in (0, 1) else content[: header + length])
     with monkeypatch.context() as patch:
-        patch.setattr("pinconsist.sweep_table.write_table", full)  # so that the journal is read again
+        patch.setattr("pinconsist.run.sweep_table.write_table", full)  # so that the journal is read again
         assert run(*PENDULUM)[0] == 2
     code, out, _ = run(*PENDULUM)
     assert code == 0 and out.startswith("3 of 3 cases are already in")
@@ -211,7 +211,7 @@ def test_two_commands_do_not_write_one_journal(run, journal):
 
 
 def test_a_full_disk_keeps_the_rows_before(run, monkeypatch):
-    from pinconsist.sweep_table import Journal
+    from pinconsist.run.sweep_table import Journal
 
     add = Journal.add
 
@@ -259,7 +259,7 @@ def test_an_interrupted_sweep_without_a_file_prints_what_was_reached(run, monkey
             os.kill(os.getpid(), signal.SIGINT)
         return simulate(mech, span, q0, *rest, **options, method="BDF")
 
-    monkeypatch.setattr("pinconsist.sweep_table.simulate", interrupted)
+    monkeypatch.setattr("pinconsist.run.sweep_table.simulate", interrupted)
     code, out, _ = run(*PENDULUM[:-2], "--json")
     told = json.loads(out)
     assert code == 130 and told["interrupted"] and [row[0] for row in told["rows"]] == [0]

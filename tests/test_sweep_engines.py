@@ -15,7 +15,7 @@ import pytest
 from helpers import sweep_cases as cases
 
 import pinconsist as pc
-from pinconsist.sweeps import Attempt
+from pinconsist.run.sweeps import Attempt
 
 TESTS = Path(__file__).parent
 

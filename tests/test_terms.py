@@ -9,9 +9,9 @@ from helpers.loops import KINDS, PAIRS, closed_gap, loop_open_by
 from helpers.twin import assert_same, compare_row_gradients, compare_terms, twin_of
 
 import pinconsist as pc
-from pinconsist import _core
-from pinconsist.dae.index1 import solve_acceleration
+from pinconsist import engine
 from pinconsist.mechanism.system import MechanismSystem
+from pinconsist.paper.index1 import acceleration
 
 
 @pytest.mark.parametrize("pair", PAIRS, ids="-".join)
@@ -50,8 +50,8 @@ def test_every_other_record(name):
     for ours, theirs in zip(system.constraint(t, q, v), twin.evaluate(t, q, v, 0 * v)[1::2], strict=True):
         assert_same(ours, theirs)
     assert_same(system.evaluate(t, q, v, 0 * v)[2].T, twin.evaluate(t, q, v, 0 * v)[2])
-    a, lam = solve_acceleration(system, t, q, v)
-    for ours, theirs in zip((a, lam), _core.load()[0].Projection(twin).acceleration(t, q, v)[:2], strict=True):
+    a, lam = acceleration(system, t, q, v)
+    for ours, theirs in zip((a, lam), engine.required().Projection(twin).acceleration(t, q, v)[:2], strict=True):
         assert_same(ours, theirs, 1e-10)
     if twin.calls_python:
         assert twin.row_gradients(t, q, v, lam) is None

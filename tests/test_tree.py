@@ -8,9 +8,9 @@ import pinocchio as pin
 import pytest
 from helpers.twin import assert_same
 
-from pinconsist import _core
-from pinconsist._core import tree
-from pinconsist._core.systems import blank_system
+from pinconsist import engine
+from pinconsist.engine import tree
+from pinconsist.engine.systems import blank_system
 
 TILTED = np.array([2.0, -3.0, 6.0]) / 7.0
 
@@ -89,7 +89,7 @@ def test_the_dynamics_are_those_of_pinocchio(name):
 
 def test_a_tree_is_built_once_and_workspaces_belong_to_data():
     model = tree_with(pin.JointModelRZ())
-    module, data = _core.load()[0], model.createData()
+    module, data = engine.required(), model.createData()
     first = tree.workspace(module, model, data)
     assert tree.workspace(module, model, data) is first
     assert tree.workspace(module, model) is not first

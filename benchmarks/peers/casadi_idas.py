@@ -8,7 +8,7 @@ import numpy as np
 
 from pinconsist import JointSpring, JointTorque, SpringDamper, Torque
 from pinconsist.analysis.motor_code import Symbols
-from pinconsist.dae.index1 import solve_acceleration
+from pinconsist.paper.index1 import acceleration
 
 from .problem import Peer, Rows, SolverFailed
 
@@ -35,7 +35,7 @@ class CasadiIdas(Peer):
         options = {"abstol": tol, "reltol": tol, "max_num_steps": 10_000_000, "disable_internal_warnings": True}
         solver = casadi.integrator("run", "idas", _equations(problem), times[0], list(times[1:]), options)
         x0 = np.concatenate((problem.q0, problem.v0))
-        a, lam = solve_acceleration(problem.system, problem.span[0], problem.q0, problem.v0)
+        a, lam = acceleration(problem.system, problem.span[0], problem.q0, problem.v0)
         z0 = np.concatenate((a, lam))
 
         def solve():

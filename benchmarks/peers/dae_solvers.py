@@ -10,7 +10,7 @@ from abc import abstractmethod
 
 import numpy as np
 
-from pinconsist.dae.index1 import solve_acceleration
+from pinconsist.paper.index1 import acceleration
 
 from .problem import Peer, Rows, SolverFailed
 
@@ -25,7 +25,7 @@ class Equations:
     def __init__(self, problem, form):
         self.system, self.form = problem.system, form
         self.n, self.m = self.system.nv, self.system.nc
-        a, lam = solve_acceleration(self.system, problem.span[0], problem.q0, problem.v0)
+        a, lam = acceleration(self.system, problem.span[0], problem.q0, problem.v0)
         last = np.zeros(self.m) if form == "GGL" else a
         self.y0 = np.concatenate((problem.q0, problem.v0, lam, last))
         self.yp0 = np.concatenate((problem.v0, a, np.zeros(self.m + len(last))))

@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from pinconsist import Solution, __version__, integrate
-from pinconsist._core.steppers import stepper_for
-from pinconsist.dae import integrate as dae
-from pinconsist.dae.consistency import MODES
-from pinconsist.dae.output import Output
-from pinconsist.dae.tuning import MAX_ORDER, Switches
-from pinconsist.options import Options
+from pinconsist.engine.bdf import MAX_ORDER
+from pinconsist.engine.consistency import MODES
+from pinconsist.run import integrate as dae
+from pinconsist.run.control import Switches
+from pinconsist.run.options import Options
+from pinconsist.run.output import Output
+from pinconsist.run.steppers import stepper_for
 
 from .problem import Peer, Rows, SolverFailed
 

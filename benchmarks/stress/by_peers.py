@@ -14,8 +14,9 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from pinconsist import InputError, Solution, assemble, simulation
-from pinconsist.simulation import system_of
+from pinconsist import InputError, Solution, assemble
+from pinconsist.run import simulation
+from pinconsist.run.simulation import system_of
 
 from ..child import DIED, Child
 from ..peers import peers

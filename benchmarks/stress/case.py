@@ -16,8 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pinconsist import PinconsistError, assemble, simulation
+from pinconsist import PinconsistError, assemble
 from pinconsist.paper import reference_solution
+from pinconsist.run import simulation
 
 HELD, REFUSED, FAILED = "held", "refused", "FAILED"
 EITHER = "held or refused"
@@ -49,7 +50,7 @@ class Case:
     """One thing to try.
 
     ``check(by)`` returns figures, and raises :class:`Refused` or an error of the package where the case is declined;
-    `by` has the functions ``simulate`` and ``integrate`` of :mod:`pinconsist.simulation`.
+    `by` has the functions ``simulate`` and ``integrate`` of :mod:`pinconsist.run.simulation`.
     """
 
     family: str  # what kind of stress it is

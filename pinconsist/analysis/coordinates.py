@@ -4,7 +4,7 @@ The coordinates y are as many velocity columns as the loops leave free: those of
 motors leave motions free. The remaining columns p are dependent. Each step of a path is predicted along the tangent,
 δp = -B⁻¹ J_y δy with B = J_p, and closed by Newton's method in p. A step is accepted if the prediction is good,
 Newton's corrections decrease at once, and det B keeps its sign: det B vanishes in the singular positions, where
-assembly modes meet, and only there. In C++: ``_core/closure.hpp``.
+assembly modes meet, and only there. In C++: ``engine/closure.hpp``.
 """
 
 from functools import cached_property
@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import qr
 
-from .._core import required
-from .._core.systems import compiled_system
+from ..engine import required
+from ..engine.systems import compiled_system
 from ..mechanism.rank import HELD, free_motions, null_space
 from ..mechanism.system import MechanismSystem
 from .variations import step_sizes

@@ -7,9 +7,9 @@ from math import isfinite
 import numpy as np
 import pinocchio as pin
 
-from ..errors import InputError, SingularSystemError
+from ..errors import InputError, SingularSystemError, warn
 from ..mechanism.assembly import assemble
-from ..mechanism.checks import finite_array, number, require_mechanism, warn
+from ..mechanism.checks import finite_array, number, require_mechanism
 from ..mechanism.checks import names as checked_names
 from ..mechanism.closing import NEARLY, LoopSolver
 from ..mechanism.forces import Actuator, Servo

@@ -17,7 +17,7 @@ import typer
 import pinconsist as pc
 
 from ..errors import PinconsistError, SavingError
-from ..interrupts import ended_like_ctrl_c, ignored_from_now_on, interrupted
+from ..run.interrupts import ended_like_ctrl_c, ignored_from_now_on, interrupted
 from .check import check, models
 from .compare import compare
 from .output import FAILED, INTERRUPTED, WRONG_INPUT, in_options, message, print_error, print_json, rescued

@@ -257,7 +257,7 @@ def counting(what: str, total=None, done=0):
 class RunProgress:
     """A context with a callback for `simulate` that shows the progress of a run; None if stderr is not a terminal."""
 
-    each_step = False  # it is called with batches of steps, see dae/output.py
+    each_step = False  # it is called with batches of steps, see run/output.py
 
     def __init__(self, start: float, end: float):
         self.start, self.end, self.steps = start, end, 0

@@ -181,8 +181,8 @@ def run_of(source, scene_of_run, until, require=lambda mech: None):
 def _saved(file, given):
     """Mechanism (None for a general problem) and solution of a saved run."""
     from ..formats.catalogue import is_built_in
-    from ..runs import changed_files
-    from ..solution import require_mechanism
+    from ..run.runs import changed_files
+    from ..run.solution import require_mechanism
 
     sol = pc.Solution.load(file)
     name = given or sol.scene

@@ -13,7 +13,7 @@ import typer
 import pinconsist as pc
 
 from ..errors import InputError
-from ..scene_source import SceneSource as SceneSource
+from ..run.scene_source import SceneSource
 from .output import counted, first, size
 
 PARTS_OF_PI = re.compile(r"([+-]?)(?:(\d+\.?\d*|\.\d+)\*?)?pi(?:/(\d+\.?\d*))?")

@@ -47,7 +47,7 @@ def sensitivity(
     import numpy as np
 
     from ..mechanism.parameters import about_length, names_of
-    from ..quantities import Quantity
+    from ..run.quantities import Quantity
 
     quantity = Quantity.of(of, mech)
     if not quantity.statistic:

@@ -8,7 +8,7 @@ from typing import Annotated
 import pinconsist as pc
 
 from ..errors import InputError, SavingError
-from ..interrupts import deferred
+from ..run.interrupts import deferred
 from . import output, scene
 from .scene import METHOD, RESULTS, Count, Number, Text, Texts, look, option, present, require_drawable, require_page
 
@@ -69,8 +69,8 @@ def simulate(
     if every is not None and not 0.0 < every < float("inf"):
         raise InputError(f"--every must be a time above 0 s, got {every:g}")
     require_page(html, forces, traces, speed)
-    from ..checkpoints import Recipe, carry_out, saved
-    from ..results import require_columns
+    from ..run.checkpoints import Recipe, carry_out, saved
+    from ..run.results import require_columns
 
     q0, v0 = source.at, scene.joint_values(with_velocity, "--with-velocity")
     mech, hashes = source.load_with_hashes()
@@ -201,7 +201,7 @@ def resume(run: scene.SavedRun, scene_of_run: scene.SceneOfRun = None, as_json: 
 
     Example: pinconsist resume run.npz
     """
-    from ..checkpoints import saved
+    from ..run.checkpoints import saved
 
     before = pc.Solution.load(run)
     at = (before.recipe or {}).get("checkpoint")
@@ -232,7 +232,7 @@ def resume(run: scene.SavedRun, scene_of_run: scene.SceneOfRun = None, as_json: 
 
 
 def _progress_of(sol, file):
-    from ..checkpoints import Recipe
+    from ..run.checkpoints import Recipe
 
     return output.RunProgress(*Recipe.read(sol, file).t_span)
 

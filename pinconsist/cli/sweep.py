@@ -69,7 +69,7 @@ def sweep(
     if out and Path(out).suffix != ".csv":
         raise InputError(f"--out {out}: a table is saved as .csv")
     output.require_writable(out=out)
-    from ..sweep_table import Journal, SceneSweep, loaded, write_table
+    from ..run.sweep_table import Journal, SceneSweep, loaded, write_table
 
     names, cases = cases_of(vary, count, seed)
     q0, v0 = source.at, scene.joint_values(with_velocity, "--with-velocity")
@@ -182,8 +182,8 @@ def _written(journal, file, write):
 
 def _run(scene_sweep, cases, workers, journal):
     """Add the rows of the cases that are missing in the journal."""
-    from ..sweep_table import ERROR
-    from ..sweeps import sweep_in_processes
+    from ..run.sweep_table import ERROR
+    from ..run.sweeps import sweep_in_processes
 
     total, missing = len(cases), [i for i in range(len(cases)) if i not in journal.rows]
     with output.counting("cases", total, len(journal.rows)) as shown:
@@ -210,7 +210,7 @@ def _run(scene_sweep, cases, workers, journal):
 
 
 def _report(scene_sweep, cases, measured, out, as_json) -> int:
-    from ..sweep_table import DONE, loaded
+    from ..run.sweep_table import DONE, loaded
 
     complete, partial = len(measured) == len(cases), f"{out}.partial"
     table, counts = scene_sweep.rows(cases, measured), Counter(row["status"] for row in measured.values())

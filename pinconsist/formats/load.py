@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from ..errors import FormatError, InputError
-from ..mechanism.checks import choice, flag, several, warn
+from ..errors import FormatError, InputError, warn
+from ..mechanism.checks import choice, flag, several
 from ..mechanism.loops import GROUND, Loop, anchor
 from ..mechanism.mechanism import Geometry, Mechanism
 from ..mechanism.names import is_revolute

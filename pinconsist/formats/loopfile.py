@@ -17,8 +17,7 @@ import numpy as np
 import pinocchio as pin
 import yaml
 
-from ..errors import FormatError
-from ..mechanism.checks import warn
+from ..errors import FormatError, warn
 from ..mechanism.joint_constraints import Coupling, Drive
 from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism

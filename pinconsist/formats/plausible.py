@@ -11,8 +11,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import pinocchio as pin
 
-from ..errors import FormatError
-from ..mechanism.checks import warn
+from ..errors import FormatError, warn
 
 NEGATIVE = 1e-9  # a moment of inertia, relative to the largest, below minus which it is not rounded
 POINT = 1e-12  # m²: bodies of a radius of gyration of 1 µm are points

@@ -49,8 +49,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ..errors import FormatError
-from ..mechanism.checks import warn
+from ..errors import FormatError, warn
 from ..mechanism.forces import Actuator
 from ..mechanism.joint_constraints import Coupling
 from ..mechanism.loops import Loop

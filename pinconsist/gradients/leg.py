@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from .._core.gradients import Propagator, index1_of
-from ..dae.segments import RadauSegment
+from ..engine.index1 import Index1
+from ..engine.radau_table import table
+from .propagator import Propagator, Step
 
 AT_ONCE = 1e-6  # of a step: times nearer than this to an end count as equal, as shorter steps would be rounding
 
@@ -24,7 +25,8 @@ class Leg:
     step.
     """
 
-    steps: list[RadauSegment]
+    system: Any
+    steps: list[Step]
     index1_of: Callable
     tables: Any = None
     _propagator: Any = field(default=None, repr=False)
@@ -36,7 +38,6 @@ class Leg:
 
     start = property(lambda self: self.steps[0])
     t = property(lambda self: np.array([step.end for step in self.steps]))
-    system = property(lambda self: self.start.system)
     span = property(lambda self: (self.start.t_old, self.steps[-1].end))
 
     def close(self) -> None:
@@ -135,16 +136,21 @@ def _is_cut(step) -> bool:
     return abs(step.t_old + step.h - step.end) > 8.0 * np.spacing(max(abs(step.t_old), abs(step.end)))
 
 
-def legs_of(dense, index1_of=index1_of) -> list[Leg]:
+def legs_of(dense, index1_of=Index1) -> list[Leg]:
     """The legs of a run from its dense output; `index1_of` returns the index-1 equations of a system."""
-    return [Leg(steps, index1_of) for curve in dense.curves for steps in _parts(curve)]
+    return [Leg(curve.system, steps, index1_of) for curve in dense.curves for steps in _parts(curve)]
 
 
-def _parts(curve) -> list[list[RadauSegment]]:
+def _step(curve, i) -> Step:
+    t, h, s, p0, v0, W, p, v = curve.step(i)
+    return Step(t, curve.ends[i], h, table(s), p0, v0, W, p, v)
+
+
+def _parts(curve) -> list[list[Step]]:
     """The steps of a curve, split at steps that do not continue the previous one."""
     legs: list[list] = []
     for i in range(len(curve.ends)):
-        step, last = curve.plain(i), legs[-1][-1] if legs else None
+        step, last = _step(curve, i), legs[-1][-1] if legs else None
         if step.end == step.t_old:  # an event where it begins
             continue
         goes_on = last is not None and np.array_equal(last.p, step.p0) and np.array_equal(last.v, step.v0)

@@ -5,14 +5,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..dae.events import as_events
 from ..errors import InputError, PinconsistError
 from ..mechanism.breakpoints import Breakpoints
 from ..mechanism.checks import coordinates, finite_array
 from ..mechanism.forces import HeldTorque, Piecewise, Sampled
 from ..mechanism.mechanism import Mechanism, with_added_forces
 from ..mechanism.parameters import Parameter, parameter, part_at
-from ..simulation import simulate
+from ..run.events import as_events
+from ..run.simulation import simulate
 from .jumps import refuse_jumps, refuse_moving_jumps
 from .leg import legs_of
 from .variants import Side, variants_of
@@ -45,7 +45,7 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
     )  # fmt: skip
     if solution.sol is None:
         raise PinconsistError(f"the run itself failed: {solution.message}")
-    of_run = solution.sol.curves[0].plain(0).system.breakpoints  # of all its systems
+    of_run = solution.sol.curves[0].system.breakpoints  # of all its systems
     of_run.on_steps(t_span[0])
     breakpoints.share(of_run)
     legs = legs_of(solution.sol, base.index1)

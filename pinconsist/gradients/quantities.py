@@ -6,8 +6,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..mechanism.motion import slope
-from ..quantities import MEANS, RANKS, Quantity, averages, next_to
-from ..states import states_at
+from ..run.quantities import MEANS, RANKS, Quantity, averages, next_to
+from ..run.states import states_at
 from .passes import AT_ONCE
 from .starts import NUDGE
 

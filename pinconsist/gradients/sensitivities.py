@@ -10,8 +10,8 @@ import numpy as np
 from ..errors import InputError, PinconsistError
 from ..mechanism.checks import finite_array
 from ..mechanism.mechanism import Mechanism
-from ..quantities import Quantity
-from ..solution import Solution
+from ..run.quantities import Quantity
+from ..run.solution import Solution
 from .leg import Leg
 from .passes import BackwardPass, ForwardPass, Number
 from .prepare import prepared

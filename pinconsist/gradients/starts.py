@@ -8,11 +8,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..dae.events import state_after
 from ..errors import AssemblyError, InputError
 from ..mechanism.assembly import not_kept
 from ..mechanism.closing import CLOSED, check_closing
 from ..mechanism.motion import slope
+from ..run.events import state_after
 
 NUDGE = 1e-3  # relative to the size of a state: step of fourth-order differences
 SLOPE_STEP = 1e-3  # relative to a step of the run: step of the differences of an event's function

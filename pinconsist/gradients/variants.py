@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from .._core.gradients import all_rows, index1_of
-from ..dae.index1 import Index1
+from ..engine.index1 import Index1
 from ..errors import InputError, PinconsistError
 from ..mechanism.assembly import assembled, velocity_on_constraints
 from ..mechanism.breakpoints import Breakpoints
@@ -23,6 +22,7 @@ from ..mechanism.mechanism import Mechanism
 from ..mechanism.motion import difference_step
 from ..mechanism.system import MechanismSystem
 from .known import SIDES, Known, parts_of
+from .propagator import all_rows
 
 SMOOTH, ROUGH = 3e-8, 1e-5  # relative change of a difference quotient when the step is doubled: desired, and allowed
 MOST_TRIES, SHORTER = 4, 5.0
@@ -93,7 +93,7 @@ class Side:
             system.dropped_are_zero = like.dropped_are_zero
             system.differentiate_forces()
             system.breakpoints.share(self.breakpoints)
-            self._systems[key] = index1_of(system)
+            self._systems[key] = Index1(system)
         return self._systems[key]
 
 

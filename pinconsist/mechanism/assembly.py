@@ -8,8 +8,8 @@ from math import tau
 import numpy as np
 import pinocchio as pin
 
-from ..errors import AssemblyError, InputError
-from .checks import coordinates, number, require_mechanism, warn
+from ..errors import AssemblyError, InputError, warn
+from .checks import coordinates, number, require_mechanism
 from .closing import CLOSED, NEARLY, LoopSolver
 from .correction import hint
 from .joint_constraints import Drive

@@ -2,7 +2,7 @@
 
 Such joints are universal ones, spherical ones by angles, ellipsoids and most composite ones. Pinocchio's derivatives
 take the motion subspace of each joint as constant in the axes of the moved body, and lack terms in the columns of
-these joints. Here these columns are differences. In C++ (``_core/axes.hpp``) the lacking terms are added.
+these joints. Here these columns are differences. In C++ (``engine/axes.hpp``) the lacking terms are added.
 """
 
 from weakref import WeakKeyDictionary

@@ -15,7 +15,7 @@ from types import FunctionType, MethodType
 
 import numpy as np
 
-from ..dae.arguments import may_read
+from ..engine.arguments import may_read
 from ..errors import PinconsistError
 from .checks import finite_array
 from .motion import TIME_STEP

@@ -9,7 +9,6 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError, UserFunctionError
-from ..errors import warn as warn
 
 UNIT = 1e-9  # largest deviation of an orientation from unit length
 ROTATION = 1e-6  # largest deviation of RᵀR of a placement from the unit matrix

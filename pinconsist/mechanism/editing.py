@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from ..errors import InputError
+from ..errors import InputError, warn
 from .assembly import assemble, impossible_alone
-from .checks import function_name, places, several, warn
+from .checks import function_name, places, several
 from .closing import CLOSED, LoopSolver, steady
 from .correction import Walk
 from .forces import Actuator, Piecewise, SpringDamper, Torque, Wrench

@@ -242,9 +242,9 @@ def measure(forces, t, q, v, workspace):
     The columns are the kinetic energy, including that of rotors, the potential energy, the sum of the absolute values
     that its terms may have, and the power and elastic energy of each compiled force.
     """
-    if (twin := workspace.compiled()) is not None:
+    if (compiled := workspace.compiled()) is not None:
         parts = compiled_forces(forces, workspace)
-        return list(parts), twin.energies(t, q, v, list(parts.values()))
+        return list(parts), compiled.energies(t, q, v, list(parts.values()))
     model, data = workspace.model, workspace.data
     rows, weight = np.empty((len(q), 3)), hypot(*model.gravity.linear)
     for row, p, rate in zip(rows, q, v, strict=True):
@@ -264,12 +264,12 @@ def compiled_forces(forces, workspace):
     """
     parts = {}
     for label, force in forces.items():
-        twin, spring = workspace.compiled(), None
-        if isinstance(force, BoundForce) and force.hand_over(twin):
+        compiled, spring = workspace.compiled(), None
+        if isinstance(force, BoundForce) and force.hand_over(compiled):
             if hasattr(force, "stored"):
-                twin, spring = workspace.compiled(), twin
-                force.hand_over_damper(twin)
-            parts[label] = twin, spring
+                compiled, spring = workspace.compiled(), compiled
+                force.hand_over_damper(compiled)
+            parts[label] = compiled, spring
     return parts
 
 
@@ -284,18 +284,18 @@ def _brought(force, t, q, v):
 
 def torques_of(force, t, q, v, workspace):
     """τ of a force of :func:`bound_forces` at several states, shape (n, nv)."""
-    twin = workspace.compiled()
-    if twin is not None and isinstance(force, BoundForce) and force.hand_over(twin):
-        return twin.torques(t, q, v)
+    compiled = workspace.compiled()
+    if compiled is not None and isinstance(force, BoundForce) and force.hand_over(compiled):
+        return compiled.torques(t, q, v)
     return np.array([force.torque(*state) for state in zip(t, q, v, strict=True)]).reshape(v.shape)
 
 
 def _time_rates(rows, t, q, workspace):
     """Φ_t of all rows of the loops: the hidden residual at rest."""
-    if (twin := workspace.compiled()) is None:
+    if (compiled := workspace.compiled()) is None:
         return np.array([rows.time_rate(*state) for state in zip(t, q, strict=True)])
-    KeptRows(rows.model, rows, np.arange(rows.nc)).hand_over(twin)
-    return twin.residuals(t, q, np.zeros((len(t), rows.model.nv)), np.zeros((len(t), rows.nc)))[1]
+    KeptRows(rows.model, rows, np.arange(rows.nc)).hand_over(compiled)
+    return compiled.residuals(t, q, np.zeros((len(t), rows.model.nv)), np.zeros((len(t), rows.nc)))[1]
 
 
 def integrals(t, powers):

@@ -85,7 +85,7 @@ class Rows:
         """The same rows with their own workspace."""
         return copy(self) if self.moving else self
 
-    def hand_over(self, twin) -> bool:
+    def hand_over(self, compiled) -> bool:
         """Add the rows to the compiled system; False if they must be evaluated in Python."""
         return False
 
@@ -180,11 +180,11 @@ class DriveRow(Rows):
             return self._call(field, t)
         return float(in_time(lambda s: self._call("curve", t + s), order, TIME_STEP, *self.breakpoints.reach(t)))
 
-    def hand_over(self, twin) -> bool:
+    def hand_over(self, compiled) -> bool:
         curve = self.loop.curve
         if type(curve) is not Motion or self.loop.rate is not None:
             return False
-        twin.add_drive(self._joint.place, self._joint.period or 0.0, curve.numbers)
+        compiled.add_drive(self._joint.place, self._joint.period or 0.0, curve.numbers)
         return True
 
     def check_derivatives(self, t, q) -> None:
@@ -285,8 +285,8 @@ class CouplingRow(Rows):
     def acceleration_bias(self, data, t, q, v):
         return np.array([-polyval(self._other.value(q), self._bend) * v[self._other.column] ** 2])
 
-    def hand_over(self, twin) -> bool:
-        twin.add_coupling(self._joint.place, self._other.place, self._period or 0.0, np.array(self._law))
+    def hand_over(self, compiled) -> bool:
+        compiled.add_coupling(self._joint.place, self._other.place, self._period or 0.0, np.array(self._law))
         return True
 
 

@@ -176,13 +176,13 @@ class KeptRows:
         rows = [[A.dot(part) for part in _calculated(self.model, data, *each)] for *each, A in pinocchios]
         return rows[0] if len(rows) == 1 else [one + other for one, other in zip(*rows, strict=True)]
 
-    def hand_over(self, twin) -> None:
+    def hand_over(self, compiled) -> None:
         """Add these rows to the compiled system, which calls Python for kinds that it does not support."""
         for closure, local, parts in self._closures:
             for i, (_, matrix, ends) in enumerate(parts):
-                twin.add_anchored(*ends, matrix, i == 0)
-            if not (parts or closure.hand_over(twin)):
-                twin.add_python_rows(RowsInPython(closure, self), local, closure.moving, closure.difference_step)
+                compiled.add_anchored(*ends, matrix, i == 0)
+            if not (parts or closure.hand_over(compiled)):
+                compiled.add_python_rows(RowsInPython(closure, self), local, closure.moving, closure.difference_step)
 
     @cached_property
     def data(self) -> pin.Data:
@@ -267,10 +267,10 @@ class AnchoredRows(Rows):
         """Anchor 1, and anchor 2 or the point at `shift` from it, in the form of the compiled system."""
         return self.joint1, self.place1.homogeneous, self.joint2, _shifted(self.place2, shift).homogeneous
 
-    def hand_over(self, twin) -> bool:
+    def hand_over(self, compiled) -> bool:
         if not isinstance(self.place, Length):
             return False
-        twin.add_distance(*self.ends(), self.place.length)
+        compiled.add_distance(*self.ends(), self.place.length)
         return True
 
 

@@ -9,8 +9,8 @@ from numbers import Real
 
 import numpy as np
 
-from ..errors import InputError
-from .checks import finite_array, warn
+from ..errors import InputError, warn
+from .checks import finite_array
 from .sampling import Change
 
 SWING = 0.5  # of the range of the values; through values at even times, splines do not swing that far

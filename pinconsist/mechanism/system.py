@@ -7,7 +7,7 @@ that the KKT matrix is regular; :meth:`full_multipliers` restores the multiplier
 import numpy as np
 import pinocchio as pin
 
-from ..dae.problem import Index3System
+from ..engine.problem import Index3System
 from ..errors import PinconsistError
 from .assembly import velocity_on_constraints
 from .axes import rnea_derivatives
@@ -196,15 +196,15 @@ class MechanismSystem(Index3System):
     def sharp_force(self, t, p, v):
         return sum((force.torque(t, p, v) for force in self._sharp), np.zeros(self.nv))
 
-    def hand_over(self, twin) -> None:
+    def hand_over(self, compiled) -> None:
         """Add the rows and forces to a compiled system, which calls back user-defined ones in Python."""
-        self.kept_rows.hand_over(twin)
-        self.hand_over_forces(twin)
+        self.kept_rows.hand_over(compiled)
+        self.hand_over_forces(compiled)
 
-    def hand_over_forces(self, twin) -> None:
+    def hand_over_forces(self, compiled) -> None:
         for force in self.forces.values():
-            if not (hasattr(force, "hand_over") and force.hand_over(twin)):
-                twin.add_python_force(force)
+            if not (hasattr(force, "hand_over") and force.hand_over(compiled)):
+                compiled.add_python_force(force)
 
     def all_rows(self) -> KeptRows:
         """All rows of the loops, including dropped ones."""

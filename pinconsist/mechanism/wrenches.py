@@ -25,15 +25,15 @@ class Load(NamedTuple):
 
 def loop_wrenches(rows, closure, t, q, lam, axes, workspace):
     """[force, moment] on body 2, zero without anchors, and Jᵀλ of one loop at several states."""
-    anchored, model, twin = isinstance(closure.loop, Loop), rows.model, workspace.compiled()
-    if twin is not None:
+    anchored, model, compiled = isinstance(closure.loop, Loop), rows.model, workspace.compiled()
+    if compiled is not None:
         own = rows.slices[closure.loop.name]
-        KeptRows(model, rows, range(own.start, own.stop)).hand_over(twin)
-        joint_forces = twin.residuals(t, q, np.zeros((len(t), model.nv)), lam)[2]
+        KeptRows(model, rows, range(own.start, own.stop)).hand_over(compiled)
+        joint_forces = compiled.residuals(t, q, np.zeros((len(t), model.nv)), lam)[2]
         if not anchored:
             return np.zeros((len(t), 6)), joint_forces
-        if not twin.calls_python:  # rows in Python have no wrench there
-            return twin.wrenches(t, q, lam, *closure.ends(), axes == "world"), joint_forces
+        if not compiled.calls_python:  # rows in Python have no wrench there
+            return compiled.wrenches(t, q, lam, *closure.ends(), axes == "world"), joint_forces
     data, wrenches, joint_forces = workspace.data, np.zeros((len(t), 6)), np.empty((len(t), model.nv))
     for i in range(len(t)):
         pin.computeJointJacobians(model, data, q[i])

@@ -10,8 +10,8 @@ orders 1 to 6. Fixed steps, plain Newton, visible matrices, scipy for everything
 * ``solve.py``: the run,
 * ``problems.py``, ``compare.py``: the problems and tables of the paper.
 
-It solves any :class:`~pinconsist.dae.problem.Index3System`, among them mechanisms; systems without bodies do not need
-Pinocchio. What :func:`pinconsist.simulate` uses is another, adaptive implementation, whose fixed steps are tested
+It solves any :class:`~pinconsist.engine.problem.Index3System`, among them mechanisms; systems without bodies do not
+need Pinocchio. What :func:`pinconsist.simulate` uses is another, adaptive implementation, whose fixed steps are tested
 against this one.
 """
 

@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from ..dae.charts import chart_matrix, chart_point
-from ..dae.hessenberg import HessenbergProblem
-from ..dae.problem import Index3System
+from ..engine.charts import chart_matrix, chart_point
+from ..engine.hessenberg import HessenbergProblem
+from ..engine.problem import Index3System
 from ..errors import AssemblyError, InputError, PinconsistError
 from .step import State, factorised, kkt_matrix, solved
 
@@ -42,7 +42,7 @@ def index3_system(system, t0, p0, v0) -> Index3System:
         return system.at(t0, p0, v0)
     if isinstance(system, Index3System):
         return system
-    from ..simulation import system_of  # needs Pinocchio
+    from ..run.simulation import system_of  # needs Pinocchio
 
     return system_of(system, t0, p0, v0)
 

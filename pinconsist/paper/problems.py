@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..dae.hessenberg import HessenbergProblem
+from ..engine.hessenberg import HessenbergProblem
 from ..errors import InputError
 
 if TYPE_CHECKING:

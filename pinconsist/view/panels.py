@@ -14,7 +14,6 @@ from ..mechanism.checks import require_mechanism
 from ..mechanism.names import position_names, position_units, velocity_names
 from ..mechanism.reactions import States, not_determined, reactions, shared_loads, undetermined
 from ..mechanism.rows import LoopRows, Workspace
-from ..quantities import Quantity
 from .filled import filled
 
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#222222", "#cc79a7", "#56b4e9")
@@ -142,11 +141,9 @@ def curves_of(sol, run: str, quantities, mech=None) -> list[Curve]:
     if not len(fine.t):
         raise InputError("the solution has no rows to draw")
     for text in quantities:
-        quantity = Quantity.of(text, fine._mechanism(mech, "evaluate"))
-        if quantity.statistic or quantity.what == "error":
-            raise InputError(f"{text!r} is a number, not a curve; leave out {quantity.statistic or 'it'}")
-        series = quantity.series(sol if quantity.only_rows else fine, mech)
-        t = sol.t if quantity.only_rows else fine.t
+        series, t = fine.series(text, mech), fine.t
+        if not series.between:
+            series, t = sol.series(text, mech), sol.t
         if series.vector:
             found.append(Curve(run, text, series.unit, t, np.linalg.norm(series.values, axis=1)))
             continue

@@ -18,10 +18,9 @@ from benchmarks.peers.problem import Peer, Problem, SolverFailed
 from benchmarks.peers.scenes import problem_of
 from benchmarks.peers.scipy_index1 import accelerations
 from benchmarks.work_precision import FEWEST, Point, _chosen, work_precision
-from pinconsist.dae.index1 import solve_acceleration
 from pinconsist.errors import InputError, PinconsistError
 from pinconsist.paper import reference_problem
-from pinconsist.paper.index1 import right_hand_side
+from pinconsist.paper.index1 import acceleration, right_hand_side
 
 PEERS = {peer.name: peer for peer in peers() if not (peer.detail and not peer.fixed_step)}
 SHORT = {"problem51": 0.3, "pendulum": 0.5, "crank_rocker": 0.1}
@@ -90,13 +89,13 @@ def growth(reference):
     problem, system = reference.problem, reference.problem.system
     n, size, times = system.nv, 1e-5, np.linspace(*reference.problem.span, 50)
     rows = reference.at(times)
-    rate = right_hand_side(system, problem.q0, partial(solve_acceleration, system))
+    rate = right_hand_side(system, problem.q0, partial(acceleration, system))
     gains = np.zeros((3, 2))
     for tangent in null_space(system.loop_rows(problem.q0)[1]).T:
         for part, change in enumerate(((size * tangent, 0 * tangent), (0 * tangent, size * tangent))):
             start = np.concatenate((problem.q0, problem.v0)) + np.concatenate(change)
             y = solve_ivp(rate, problem.span, start, "DOP853", rtol=1e-11, atol=1e-11, t_eval=times).y.T
-            kept = [solve_acceleration(system, t, row[:n], row[n:])[1] for t, row in zip(times, y, strict=True)]
+            kept = [acceleration(system, t, row[:n], row[n:])[1] for t, row in zip(times, y, strict=True)]
             moved = y[:, :n], y[:, n:], problem.multipliers(y[:, :n], kept)
             changes = [np.abs(a - b).max() / size for a, b in zip(moved, rows, strict=True)]
             gains[:, part] = np.maximum(gains[:, part], changes)
@@ -133,7 +132,7 @@ def test_pinocchios_accelerations_are_those_of_the_kkt_system(scene):
     assert a.__name__ == "acceleration"
     sol = pc.integrate(problem.system, (0.0, 0.01 * problem.span[1]), problem.q0, problem.v0)
     state = sol.t[-1], sol.q[-1], sol.v[-1]
-    expected = solve_acceleration(problem.system, *state)[0]
+    expected = acceleration(problem.system, *state)[0]
     assert np.abs(a(*state) - expected).max() < 1e-7 * (1.0 + np.abs(expected).max())
 
 

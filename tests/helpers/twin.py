@@ -1,17 +1,19 @@
 """The terms of the equations in C++ compared with those in Python, and their derivatives with differences."""
 
+from contextlib import contextmanager
 from dataclasses import replace
 from unittest.mock import patch
 
 import numpy as np
 
-from pinconsist import _core
-from pinconsist._core import steppers
-from pinconsist._core.gradients import Propagator
-from pinconsist._core.systems import CompiledIndex1, compiled_system
-from pinconsist.dae.index1 import Index1, solve_acceleration
+from pinconsist import engine
+from pinconsist.engine.index1 import Index1
+from pinconsist.engine.systems import compiled_system
+from pinconsist.gradients.propagator import Propagator
 from pinconsist.mechanism.rank import null_space
 from pinconsist.mechanism.system import MechanismSystem
+from pinconsist.paper.index1 import acceleration, projected
+from pinconsist.run import steppers
 
 LOOSE = {"rtol": 5e-3, "atol": 5e-5}  # errors far above rounding, which step-size control amplifies
 SMALL = 1e-4  # step of differences of fourth order
@@ -25,7 +27,21 @@ def with_switches(**given):
         switches = replace(method.switches, **given)
         return steppers.stepper_for(system, replace(method, switches=switches))
 
-    return patch("pinconsist.simulation.stepper_for", stepper_for)
+    return patch("pinconsist.run.simulation.stepper_for", stepper_for)
+
+
+@contextmanager
+def with_constants(**values):
+    """Runs have these constants of the method within the block."""
+    module = engine.required()
+    before = {name: module.constant(name) for name in values}
+    try:
+        for name, value in values.items():
+            module.set_constant(name, value)
+        yield
+    finally:
+        for name, value in before.items():
+            module.set_constant(name, value)
 
 
 def twin_of(system):
@@ -51,12 +67,12 @@ def compare_terms(mech, q, t=0.3, seed=0):
         (f, phi, G.T, rho, A), (*twin.evaluate(t, q, v, a), twin.linearize(t, q, v, a, c)), strict=True
     ):
         assert_same(ours, theirs)
-    projection = _core.load()[0].Projection(twin)
-    start_state = Index1(system).state(t, q, v)
+    projection = engine.required().Projection(twin)
+    start_state = projected(system, t, q, v)
     assert projection.project(t, q, v)[2] == ""
     for ours, theirs in zip(start_state[1:3], projection.project(t, q, v), strict=False):
         assert_same(ours, theirs, 1e-10)
-    for ours, theirs in zip(solve_acceleration(system, t, q, v), projection.acceleration(t, q, v)[:2], strict=True):
+    for ours, theirs in zip(acceleration(system, t, q, v), projection.acceleration(t, q, v)[:2], strict=True):
         assert_same(ours, theirs, 1e-10)
     compare_row_gradients(system, twin, t, q, v)
     compare_multipliers(system, twin, t, *start_state[1:3])
@@ -73,12 +89,12 @@ def compare_multipliers(system, twin, t, p, v):
     J, n = np.array(system.evaluate(t, p, v, v)[2]).T, system.nv
     H, Z = row_gradients(system, t, p, v, np.zeros(system.nc))[1], null_space(J)
     ways = np.block([[Z, np.zeros_like(Z)], [-np.linalg.pinv(J) @ H @ Z, Z]])
-    propagator = Propagator(CompiledIndex1(system, twin), Still([[]] * ways.shape[1]))
+    propagator = Propagator(Index1(system, twin), Still([[]] * ways.shape[1]))
     lam, found = propagator.multipliers(np.array([t]), p[None], v[None], np.ascontiguousarray(ways.T)[None])
-    assert_same(solve_acceleration(system, t, p, v)[1], lam[0], 1e-10)
+    assert_same(acceleration(system, t, p, v)[1], lam[0], 1e-10)
 
     def beside(way, size):
-        return solve_acceleration(system, t, system.integrate(p, size * way[:n]), v + size * way[n:])[1]
+        return acceleration(system, t, system.integrate(p, size * way[:n]), v + size * way[n:])[1]
 
     for way, own in zip(ways.T, found[0], strict=True):
         exact = sum(weight * beside(way, i * SMALL) for i, weight in DIFFERENCES.items()) / SMALL

@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.polynomial import Polynomial
 
-from ...errors import FormatError, InputError
-from ...mechanism.checks import places, warn
+from ...errors import FormatError, InputError, warn
+from ...mechanism.checks import places
 from ...mechanism.forces import Actuator, JointSpring, Wrench
 from ...mechanism.joint_constraints import Coupling, Drive
 from ...mechanism.loops import GROUND, Loop, anchor

@@ -28,7 +28,7 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 import pinocchio as pin
 
-from ...mechanism.checks import warn
+from ...errors import warn
 from ...mechanism.forces import JointSpring
 from ..ignored import COLLISIONS, LIMITS, Ignored
 from ..plausible import inertias_of, warn_of_inertias

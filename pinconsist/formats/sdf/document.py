@@ -12,8 +12,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import pinocchio as pin
 
-from ...errors import FormatError
-from ...mechanism.checks import warn
+from ...errors import FormatError, warn
 from ...mechanism.loops import unit
 from ..plausible import warn_of_degrees
 from ..reading import Node, floats, near, require_known, short_repr

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ...mechanism.checks import warn
+from ...errors import warn
 from ...mechanism.forces import Actuator
 from ...mechanism.loops import unit
 from ..reading import DRAKE

@@ -81,7 +81,7 @@ class BoundActuator(BoundForce):
             by_q[places], by_v[places] = law[1] * squares, law[2] * squares
         return by_q, by_v
 
-    def hand_over(self, twin, table=None) -> bool:
+    def hand_over(self, compiled, table=None) -> bool:
         control = self._record.control
         curve = control if type(control) is Motion else Motion(0.0 if callable(control) else control)
         points = control if isinstance(control, Table) else Table((), ())
@@ -89,7 +89,7 @@ class BoundActuator(BoundForce):
             return False
         law = self._gain, self._bias, self._control, self._force
         places = [joint.place for joint in self._joints]
-        twin.add_actuator(places, self._arms, *law, curve.numbers, points.times, points.values, table)
+        compiled.add_actuator(places, self._arms, *law, curve.numbers, points.times, points.values, table)
         return True
 
 
@@ -272,8 +272,8 @@ class BoundHeldActuator(BoundHeld):
     def element(self, t, q, v):
         return self._actuator.element(t, q, v)
 
-    def hand_over(self, twin) -> bool:
-        return self._actuator.hand_over(twin, self._in(twin))
+    def hand_over(self, compiled) -> bool:
+        return self._actuator.hand_over(compiled, self._in(compiled))
 
 
 @dataclass(frozen=True, eq=False)

@@ -115,15 +115,15 @@ class _BoundSpring(BoundForce):
             return by_q, None
         return by_q - (spring.damping * along)[:, None] * v.dot(bend), -spring.damping * squared
 
-    def hand_over(self, twin) -> bool:
+    def hand_over(self, compiled) -> bool:
         spring, (end1, end2) = self.spring, self.ends
-        twin.add_spring(*end1, *end2, spring.stiffness, spring.length, spring.damping, SHORTEST)
+        compiled.add_spring(*end1, *end2, spring.stiffness, spring.length, spring.damping, SHORTEST)
         return True
 
-    def hand_over_damper(self, twin) -> None:
+    def hand_over_damper(self, compiled) -> None:
         """Add only the damper to the compiled system, the part without stored energy."""
         spring, (end1, end2) = self.spring, self.ends
-        twin.add_spring(*end1, *end2, 0.0, spring.length, spring.damping, SHORTEST)
+        compiled.add_spring(*end1, *end2, 0.0, spring.length, spring.damping, SHORTEST)
 
     def stored(self, q, v) -> tuple[float, float]:
         l, u, J = self._line(q)[:3]
@@ -220,11 +220,11 @@ class _BoundWrench(BoundForce):
         point = self._points.at(self._joint, self._offset)
         return self._points.gradient(q, [(point, *load)], turning=self._local), None
 
-    def hand_over(self, twin) -> bool:
+    def hand_over(self, compiled) -> bool:
         if self.smooth:
             turn = self._turn if self._local else np.eye(3)
             load = (turn @ np.array(part) for part in (self._wrench.force, self._wrench.moment))
-            twin.add_wrench(self._joint, self._offset, *load, self._local)
+            compiled.add_wrench(self._joint, self._offset, *load, self._local)
         return self.smooth
 
     def loads(self, t, q, v):

@@ -88,7 +88,7 @@ class BoundForce(ABC):
         """The functions of time; those of a law f(t, q, v) are at this state."""
         return []
 
-    def hand_over(self, twin) -> bool:
+    def hand_over(self, compiled) -> bool:
         """Add this law to the compiled system; False if it must be evaluated in Python."""
         return False
 
@@ -118,12 +118,12 @@ class _BoundTorque(BoundForce):
         curves = [each for each in self._curves if type(each[0]) is not Motion]
         return [time_function(curve, _calling(curve, what, shape)) for curve, _, shape, what in curves]
 
-    def hand_over(self, twin) -> bool:
+    def hand_over(self, compiled) -> bool:
         own = all(type(curve) is Motion and not shape for curve, _, shape, _ in self._curves)
         if own:
-            twin.add_constant(self._constant)
+            compiled.add_constant(self._constant)
             for curve, here, _, _ in self._curves:
-                twin.add_torque_curve(here.start, curve.numbers)
+                compiled.add_torque_curve(here.start, curve.numbers)
         return own
 
 

@@ -90,13 +90,13 @@ class BoundHeld(BoundForce):
             self._table.entered = n
         return None if n == before else not (self._linear and before and n == before + 1)
 
-    def hand_over(self, twin) -> bool:
-        twin.add_held(self._in(twin))
+    def hand_over(self, compiled) -> bool:
+        compiled.add_held(self._in(compiled))
         return True
 
-    def _in(self, twin):
+    def _in(self, compiled):
         if self._table is None:
-            self._table = twin.held_table()
+            self._table = compiled.held_table()
             self._fill()
         return self._table
 

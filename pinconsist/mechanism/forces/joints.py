@@ -29,8 +29,8 @@ class _ViscousDamping(BoundForce):
     def derivatives(self, t, q, v):
         return None, self._by_v
 
-    def hand_over(self, twin) -> bool:
-        twin.add_damping(self._coefficients)
+    def hand_over(self, compiled) -> bool:
+        compiled.add_damping(self._coefficients)
         return True
 
 
@@ -71,8 +71,8 @@ class _SmoothFriction(BoundForce):
         sech = 1.0 / np.cosh(np.minimum(np.abs(v) / self._width, 300.0))
         return None, np.diag(-self._coefficients * sech**2 / self._width)
 
-    def hand_over(self, twin) -> bool:
-        twin.add_friction(self._coefficients, self._width)
+    def hand_over(self, compiled) -> bool:
+        compiled.add_friction(self._coefficients, self._width)
         return True
 
 
@@ -144,11 +144,11 @@ class _BoundServo(BoundForce):
             found.append(time_function(self._rate, lambda t: self._number(self._rate, "rate", t)))
         return found
 
-    def hand_over(self, twin) -> bool:
+    def hand_over(self, compiled) -> bool:
         if self.smooth:
             target, period = self._target, self._coordinate.period or 0.0
             numbers = target.numbers if callable(target) else (target, 0.0, 0.0, 0.0, 0.0)
-            twin.add_servo(self._coordinate.place, period, numbers, self._stiffness, self._damping)
+            compiled.add_servo(self._coordinate.place, period, numbers, self._stiffness, self._damping)
         return self.smooth
 
     def _wanted(self, t) -> tuple[float, float]:
@@ -181,7 +181,7 @@ class _BoundSpring(_BoundServo):
         load = self._stiffness * deflection
         return 0.5 * load * deflection, load * v[self._coordinate.column]
 
-    def hand_over_damper(self, twin) -> None:
+    def hand_over_damper(self, compiled) -> None:
         """Do nothing: there is no damper."""
 
 

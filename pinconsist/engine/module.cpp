@@ -1,0 +1,251 @@
+// Python bindings: a system to which rows and forces are added, and the classes that use it.
+#include "callback_system.hpp"
+#include "closure.hpp"
+#include "collocation.hpp"
+#include "index1.hpp"
+#include "measured.hpp"
+#include "rates.hpp"
+
+#include <Eigen/QR>
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/shared_ptr.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/unique_ptr.h>
+#include <nanobind/stl/vector.h>
+
+#include <optional>
+
+namespace pinconsist {
+
+void bind_steppers(nb::module_ &m);  // steppers.cpp, compiled in parallel
+void bind_gradients(nb::module_ &m); // gradients.cpp
+
+// Here, since the decomposition takes a tenth of the time in which a file is compiled.
+Table MechanismSystem::complete(double t, const Table &configurations, Table multipliers, const std::vector<int> &steady) {
+  constexpr double DEPENDENT = 1e-10; // relative to the largest pivot
+  Eigen::CompleteOrthogonalDecomposition<Mat> factors;
+  factors.setThreshold(DEPENDENT);
+  for (Eigen::Index i = 0; i < multipliers.rows(); ++i) {
+    evaluate_rows(t, configurations.row(i).transpose());
+    const Mat G = W(steady, Eigen::all).transpose();
+    const Vec lam = multipliers.row(i)(steady).transpose();
+    factors.compute(G);
+    multipliers.row(i)(steady) = factors.solve(G * lam).transpose();
+  }
+  return multipliers;
+}
+
+namespace {
+
+using namespace nb::literals;
+using Pose = Eigen::Matrix4d;
+using Place = std::array<int, 3>;     // of a joint: Coordinate
+using Numbers = std::array<double, 5>; // of a Motion
+using Range = std::pair<double, double>;
+
+// Arguments from Python as the types that rows and forces take.
+SE3 taken(const Pose &pose) { return SE3(Matrix3d(pose.topLeftCorner<3, 3>()), Vector3d(pose.topRightCorner<3, 1>())); }
+Motion taken(const Numbers &n) { return {n[0], n[1], n[2], n[3], n[4]}; }
+Coordinate taken(const Place &n) { return {n[0], n[1], n[2] != 0}; }
+template <class Other> const Other &taken(const Other &x) { return x; }
+
+template <class Part, class... Given> auto made(const MechanismSystem &s, const Given &...given) {
+  if constexpr (std::is_constructible_v<Part, const Model &, const TurningAxes &, decltype(taken(given))...>)
+    return std::make_unique<Part>(s.model(), s.axes(), taken(given)...);
+  else if constexpr (std::is_constructible_v<Part, const Model &, decltype(taken(given))...>)
+    return std::make_unique<Part>(s.model(), taken(given)...);
+  else return std::make_unique<Part>(taken(given)...);
+}
+// Functions that add rows, or a force, constructed from these arguments.
+template <class Part, class... Given> auto adds() {
+  return [](MechanismSystem &s, const Given &...given) {
+    if constexpr (std::is_base_of_v<Rows, Part>) s.add_rows(made<Part>(s, given...));
+    else s.add_force(made<Part>(s, given...));
+  };
+}
+
+} // namespace
+} // namespace pinconsist
+
+NB_MODULE(_engine, m) {
+  using namespace pinconsist;
+  m.def("constant", [](const std::string &name) { return *constants().at(name); });
+  m.def("constants", [] {
+    nb::dict all;
+    for (const auto &[name, value] : constants()) all[name.c_str()] = *value;
+    return all;
+  });
+  m.def("set_constant", [](const std::string &name, double value) { *constants().at(name) = value; }); // for benchmarks
+  m.def("use_lapack", [](nb::capsule factorise, nb::capsule solve) {
+    Lapack::factorise = reinterpret_cast<Lapack::Factorise>(factorise.data());
+    Lapack::solve = reinterpret_cast<Lapack::Solve>(solve.data());
+  });
+
+  m.def("use_radau", [](const Vec &c, const Mat &A, const Mat &inverse, const Mat &inverse2, const Mat &modes,
+                        const Mat &raised, const Vec &between, const Vec &weights, const Mat &reach) {
+    const int s = static_cast<int>(c.size());
+    const Vec signs = Vec::NullaryExpr(s, [](Eigen::Index k) { return k % 2 ? -1.0 : 1.0; });
+    const Mat at_start = signs.transpose() * modes;
+    RadauTable::of[s] = {s, c, A, inverse, inverse2, modes, raised, between, weights, reach, at_start.transpose(),
+                         (modes.row(s - 1) * inverse2).norm(), (at_start * inverse2).norm()};
+  });
+  nb::class_<JointNumbers>(m, "JointNumbers")
+      .def("__init__",
+           [](JointNumbers *at, std::string kind, std::vector<double> numbers,
+              const std::vector<std::pair<JointNumbers *, Pose>> &parts) {
+             new (at) JointNumbers{std::move(kind), std::move(numbers), {}};
+             for (const auto &[part, placement] : parts) at->parts.push_back({*part, placement});
+           }, "kind"_a, "numbers"_a, "parts"_a);
+  nb::class_<Branch>(m, "Branch")
+      .def("__init__",
+           [](Branch *at, const JointNumbers &joint, int parent, const Pose &placement, double mass, const Vector3d &centre,
+              const Matrix3d &inertia) { new (at) Branch{joint, parent, placement, mass, centre, inertia}; },
+           "joint"_a, "parent"_a, "placement"_a, "mass"_a, "centre"_a, "inertia"_a);
+  nb::class_<Model>(m, "Tree").def(
+      "__init__",
+      [](Model *at, const std::vector<Branch *> &branches, const Vec &armature, const Vector3d &gravity) {
+        std::vector<Branch> all;
+        for (const auto *each : branches) all.push_back(*each);
+        new (at) Model(all, armature, gravity);
+      },
+      "branches"_a, "armature"_a, "gravity"_a);
+  nb::class_<Data>(m, "Workspace").def(nb::init<std::shared_ptr<const Model>>(), "tree"_a);
+
+  nb::class_<System>(m, "System").def_ro("nc", &System::nc).def_prop_ro("calls_python", &System::calls_python);
+  nb::class_<CallbackSystem, System>(m, "CallbackSystem").def(nb::init<nb::object>(), "system"_a);
+  nb::class_<MechanismSystem, System>(m, "MechanismSystem")
+      .def(nb::init<std::shared_ptr<Data>>(), "workspace"_a)
+      .def("add_anchored",
+           [](MechanismSystem &s, int joint1, const Pose &place1, int joint2, const Pose &place2, const Mat &matrix, bool fresh) {
+             s.add_rows(made<AnchoredRows>(s, joint1, place1, joint2, place2, matrix), fresh);
+           })
+      .def("add_distance", adds<DistanceRow, int, Pose, int, Pose, double>())
+      .def("add_drive", adds<DriveRow, Place, double, Numbers>())
+      .def("add_coupling", adds<CouplingRow, Place, Place, double, Vec>())
+      .def("add_python_rows",
+           [](MechanismSystem &s, nb::object closure, std::vector<int> local, bool moving, double step) {
+             s.add_rows(std::make_unique<PythonRows>(closure, std::move(local), moving, step));
+           })
+      .def("add_constant", &MechanismSystem::add_constant)
+      .def("add_damping", &MechanismSystem::add_damping)
+      .def("add_friction", adds<SmoothFriction, Vec, double>())
+      .def("add_servo", adds<Servo, Place, double, Numbers, double, double>())
+      .def("add_torque_curve", adds<TorqueCurve, int, Numbers>())
+      .def("add_spring", adds<SpringDamper, int, Vector3d, int, Vector3d, double, double, double, double>())
+      .def("add_wrench", adds<Wrench, int, Vector3d, Vector3d, Vector3d, bool>())
+      .def("add_held", adds<HeldTorque, std::shared_ptr<HeldTable>>())
+      .def("held_table", [](MechanismSystem &) { return std::make_shared<HeldTable>(); })
+      .def("add_actuator",
+           [](MechanismSystem &s, const std::vector<Place> &joints, const Vec &arms, const Vector3d &gain, const Vector3d &bias,
+              const Range &control, const Range &force, const Numbers &curve, const std::vector<double> &times,
+              const std::vector<double> &values, std::shared_ptr<HeldTable> held) {
+             std::vector<Coordinate> places;
+             for (const auto &joint : joints) places.push_back(taken(joint));
+             s.add_force(std::make_unique<Actuator>(places, arms, Actuator::Law{gain, bias, control, force},
+                                                    Actuator::Command{taken(curve), times, values, std::move(held)}));
+           }, "joints"_a, "arms"_a, "gain"_a, "bias"_a, "control"_a, "force"_a, "curve"_a, "times"_a, "values"_a, "held"_a.none())
+      .def("add_python_force", adds<PythonForce, nb::object>())
+      .def("evaluate",
+           [](MechanismSystem &s, double t, const Vec &p, const Vec &v, const Vec &a) {
+             s.evaluate(t, p, v, a);
+             return nb::make_tuple(s.f, s.phi, s.W, s.rho);
+           })
+      .def("rows", // Φ and J
+           [](MechanismSystem &s, const Vec &p) {
+             s.constraint(0.0, p, Vec::Zero(s.nv));
+             return nb::make_tuple(s.phi, s.W);
+           })
+      .def("dynamics", // M, inertial forces less τ, J and its rate times v
+           [](MechanismSystem &s, double t, const Vec &p, const Vec &v) {
+             Vec bias;
+             Mat M(s.nv, s.nv);
+             s.evaluate_bias(t, p, v, false, bias);
+             s.mass_matrix(t, p, v, M);
+             return nb::make_tuple(M, s.f, s.W, bias);
+           })
+      .def("row_gradients", // None where they are not known
+           [](MechanismSystem &s, double t, const Vec &p, const Vec &v, const Vec &lam) -> nb::object {
+             Mat F = Mat::Zero(s.nv, s.nx), H = Mat::Zero(s.nc, s.nx);
+             s.constraint(t, p, v);
+             return s.row_gradients(t, p, v, lam, F, H) ? nb::object(nb::make_tuple(F, H)) : nb::none();
+           })
+      .def("chart_points", &MechanismSystem::chart_points)
+      .def("residuals",
+           [](MechanismSystem &s, const Vec &t, const Table &p, const Table &v, const Table &lam) {
+             auto all = residuals(s, t, p, v, lam);
+             return nb::make_tuple(std::move(all[0]), std::move(all[1]), std::move(all[2]));
+           })
+      .def("energies", &energies)
+      .def("torques", &torques)
+      .def("wrenches",
+           [](MechanismSystem &s, const Vec &t, const Table &p, const Table &lam, int joint1, const Pose &place1, int joint2,
+              const Pose &place2, bool in_world) {
+             return wrenches(s, t, p, lam, joint1, taken(place1), joint2, taken(place2), in_world);
+           })
+      .def("gaps", &MechanismSystem::gaps)
+      .def("complete", &MechanismSystem::complete)
+      .def("linearize", [](MechanismSystem &s, double t, const Vec &p, const Vec &v, const Vec &a, double c) {
+        s.evaluate(t, p, v, a);
+        Mat A(s.nv, s.nv);
+        s.linearize(t, p, v, a, Vec(), c, A, true);
+        return A;
+      });
+
+  nb::class_<Rates, MechanismSystem>(m, "Rates")
+      .def(nb::init<std::shared_ptr<Data>>(), "workspace"_a)
+      .def("add_inertia", &Rates::add_inertia)
+      .def("add_gravity", &Rates::add_gravity)
+      .def("close", &Rates::close)
+      .def("set_times", &Rates::set_times)
+      .def("act", &Rates::act)
+      .def("columns", [](Rates &rates, double t, const Vec &p, const Vec &v, const Vec &a, int parameters) {
+        Mat r = Mat::Zero(rates.nv, parameters);
+        rates.add_columns(t, p, v, a, r);
+        return r;
+      });
+
+  nb::class_<HeldTable>(m, "HeldTable").def("clear", &HeldTable::clear).def("hold", &HeldTable::hold).def_rw("entered", &HeldTable::entered)
+      .def_rw("linear", &HeldTable::linear);
+
+  nb::class_<ClosureFollower>(m, "ClosureFollower")
+      .def(nb::init<MechanismSystem &, std::vector<int>, const Vec &, const std::array<double, 9> &>(), "system"_a,
+           "coordinates"_a, "sizes"_a, "numbers"_a, nb::keep_alive<1, 2>())
+      .def("follow", &ClosureFollower::follow);
+
+  nb::class_<Projection>(m, "Projection")
+      .def(nb::init<System &>(), "system"_a, nb::keep_alive<1, 2>())
+      .def("acceleration", // with whether it is finite; None where the equations are singular
+           [](Projection &projection, double t, const Vec &p, const Vec &v) -> nb::object {
+             Vec a, lam;
+             if (!projection.acceleration(t, p, v, a, lam)) return nb::none();
+             const bool finite = a.allFinite() && lam.allFinite();
+             return nb::make_tuple(array(a), array(lam), finite);
+           })
+      .def("velocity_shift", // None where the equations are singular
+           [](Projection &projection, double t, const Vec &p, const Vec &v, const Vec &rho) -> nb::object {
+             Vec found;
+             return projection.velocity_shift(t, p, v, rho, found) ? nb::object(array(found)) : nb::object(nb::none());
+           })
+      .def("project", [](Projection &projection, double t, const Vec &p, const Vec &v) {
+        const State state = projection.project(t, p, v);
+        return nb::make_tuple(array(state.p), array(state.v), state.failure, state.gap);
+      });
+
+  m.def("certified", // None if the equations are singular or not finite at some row
+        [](const std::vector<std::pair<MechanismSystem *, Forces>> &systems, const std::vector<int> &kept, const Vec &t,
+           const Table &p, const Table &v, const Table &lam) -> nb::object {
+          Certified found;
+          {
+            std::optional<nb::gil_scoped_release> release;
+            if (!systems.front().first->calls_python()) release.emplace();
+            found = certified(systems, kept, t, p, v, lam);
+          }
+          if (!found.complete) return nb::none();
+          return nb::make_tuple(std::move(found.phi), std::move(found.rho), std::move(found.forces), std::move(found.exact),
+                                std::move(found.energies), found.acting);
+        });
+
+  bind_steppers(m);
+  bind_gradients(m);
+}

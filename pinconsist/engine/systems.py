@@ -1,0 +1,30 @@
+"""Equations in C++: of a mechanism, or callbacks into any other system."""
+
+from . import required
+from .tree import workspace
+
+
+def compiled_system(system):
+    """The compiled equations of a system: those of a mechanism, or callbacks into any other."""
+    module = required()
+    if not hasattr(system, "hand_over"):
+        return module.CallbackSystem(system)
+    compiled = blank_system(system.model, system.data)
+    system.hand_over(compiled)
+    return compiled
+
+
+def with_all_rows(system):
+    """A compiled system of a mechanism with all rows of its loops, dependent ones included, without forces."""
+    compiled = blank_system(system.model, system.data)
+    system.all_rows().hand_over(compiled)
+    return compiled
+
+
+def blank_system(model, data=None):
+    """A compiled system of a model without rows and forces.
+
+    Systems with the same `data` of Pinocchio share a workspace; without, it has one of its own.
+    """
+    module = required()
+    return module.MechanismSystem(workspace(module, model, data))

@@ -1,0 +1,1 @@
+"""Runs: from the options to the solution and what it says of itself."""

@@ -1,0 +1,246 @@
+"""Accepted steps with their interpolating polynomials, and the continuous solution made of them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..engine import bdf
+from ..engine.charts import chart_point
+from ..engine.problem import Index3System
+from ..errors import InputError
+
+
+class Curve(ABC):
+    """The polynomials of successive steps of one system, from `start` to their `ends`.
+
+    A segment has ``t_old`` and ``end``; called with a time it returns (p, v, λ).
+    """
+
+    ends: np.ndarray
+    system: Index3System
+
+    @property
+    @abstractmethod
+    def start(self) -> float:
+        """Where the first step begins."""
+
+    @property
+    def sign(self) -> float:
+        """1 forwards in time, -1 backwards."""
+        return 1.0 if self.ends[-1] >= self.start else -1.0
+
+    def holders(self, times):
+        """Index of the step at each of the times."""
+        return np.minimum(np.searchsorted(self.sign * self.ends, self.sign * times), len(self.ends) - 1)
+
+    @abstractmethod
+    def segment(self, i: int):
+        """The polynomial of one step."""
+
+    def until(self, end: float) -> Curve:
+        """The same polynomials, used only up to `end`."""
+        last = int(self.holders(end))
+        return self._cut(last, end) if end != self.ends[-1] else self
+
+    @abstractmethod
+    def _cut(self, last, end) -> Curve:
+        """The steps up to one of them, which is used up to `end`."""
+
+    def __call__(self, times):
+        """(p, v, λ) at several times, as arrays."""
+        rows = [self.segment(i)(t) for i, t in zip(self.holders(times), times, strict=True)]
+        return tuple(map(np.array, zip(*rows, strict=True)))
+
+    @abstractmethod
+    def with_others(self, curves) -> Curve:
+        """One curve made of this one and the ones that follow."""
+
+
+@dataclass(frozen=True)
+class Segment:
+    """The polynomial of degree k over one step from `t_old` to `end`, in [ξ | v | λ], exact at both of its ends.
+
+    Positions on a manifold are interpolated in the chart at `base`, so they stay on it; loops are closed in between
+    to the order of the method.
+    """
+
+    t_old: float
+    end: float
+    t: float
+    h: float
+    k: int
+    base: np.ndarray
+    Z: np.ndarray
+    system: Index3System
+
+    def __call__(self, t: float):
+        """(p, v, λ) at a time inside the step."""
+        y = bdf.interpolate(self.k, (t - self.t) / self.h).dot(self.Z[: self.k + 1])
+        nx, nv = self.system.nx, self.system.nv
+        return chart_point(self.system, self.base, y[:nx]), y[nx : nx + nv], y[nx + nv :]
+
+
+@dataclass
+class Tables(Curve):
+    """A curve as arrays with an entry for each step; the fields are those of :class:`Segment`.
+
+    ``chart_points(bases, ξ)`` returns the positions of a stack of rows; if None, they are computed one by one.
+    """
+
+    t_old: np.ndarray
+    ends: np.ndarray
+    t: np.ndarray
+    h: np.ndarray
+    k: np.ndarray
+    base: np.ndarray
+    Z: np.ndarray
+    system: Index3System
+    chart_points: Callable | None
+
+    @property
+    def start(self) -> float:
+        """Where the first step begins."""
+        return self.t_old[0]
+
+    def segment(self, i):
+        return Segment(*(column[i] for column in self._columns()), self.system)
+
+    def _columns(self):
+        return self.t_old, self.ends, self.t, self.h, self.k, self.base, self.Z
+
+    def _cut(self, last, end):
+        t_old, ends, *others = (column[: last + 1] for column in self._columns())
+        return Tables(t_old, np.append(ends[:last], end), *others, self.system, self.chart_points)
+
+    def __call__(self, times):
+        i, nx, nv = self.holders(times), self.system.nx, self.system.nv
+        highest = int(self.k[i].max(initial=0))
+        basis = bdf.interpolate(highest, (times - self.t[i]) / self.h[i])
+        basis[np.arange(highest + 1) > self.k[i, None]] = 0.0
+        y = (basis[:, None] @ self.Z[i, : highest + 1])[:, 0]
+        return self._positions(self.base[i], y[:, :nx]), y[:, nx : nx + nv], y[:, nx + nv :]
+
+    def _positions(self, bases, xi):
+        if self.system.vector_like:
+            return xi
+        if self.chart_points is not None:
+            return self.chart_points(bases, xi)
+        return np.array([self.system.integrate(*row) for row in zip(bases, xi, strict=True)])
+
+    def with_others(self, curves):
+        columns = zip(*(curve._columns() for curve in (self, *curves)), strict=True)
+        return Tables(*map(np.concatenate, columns), self.system, self.chart_points)
+
+
+@dataclass
+class StepBatch:
+    """Accepted steps that were made in one call, as arrays with one row a step, and their polynomials if requested."""
+
+    t: np.ndarray
+    p: np.ndarray
+    v: np.ndarray
+    lam: np.ndarray
+    order: np.ndarray
+    curve: Curve | None
+    failure: str = ""  # why there are no more steps, or empty
+    error: BaseException | None = None  # what a user's function raised after these steps
+    jumps: tuple = ((), ())  # numbers of steps after which forces jumped, and λ there
+
+    def __post_init__(self):
+        for array in self.states:  # passed to users' functions
+            array.flags.writeable = False
+
+    @classmethod
+    def of(cls, states, orders, curve, *why) -> StepBatch:
+        """The batch of a list of states (t, p, v, λ)."""
+        t, *columns = zip(*states, strict=True) if states else ((), (), (), ())
+        return cls(np.array(t), *(np.array(column) for column in columns), np.array(orders, int), curve, *why)
+
+    @property
+    def states(self):
+        """p, v and λ."""
+        return self.p, self.v, self.lam
+
+    def first(self, n: int) -> StepBatch:
+        """The first `n` of the steps."""
+        curve = self.curve and n and self.curve.until(self.t[n - 1])
+        jumps = tuple(each[np.less(self.jumps[0], n)] for each in self.jumps) if len(self.jumps[0]) else self.jumps
+        return StepBatch(self.t[:n], *(each[:n] for each in self.states), self.order[:n], curve or None, jumps=jumps)
+
+    def with_jumps(self):
+        """t, p, v, λ and order of all rows: after a step at whose end forces jump, a second one of order 0."""
+        at, lam = self.jumps
+        if not len(at):
+            return self.t, *self.states, self.order
+        t, p, v = (np.insert(each, at, each[at - 1], axis=0) for each in (self.t, self.p, self.v))
+        return t, p, v, np.insert(self.lam, at, lam, axis=0), np.insert(self.order, at, 0)
+
+    def before(self, t) -> int:
+        """How many of the steps end before a time that lies in one of them."""
+        return int((abs(self.t - self.t[-1]) > abs(t - self.t[-1])).sum()) if len(self.t) > 1 else 0
+
+    def cut(self, with_curve, t, p, v, lam) -> StepBatch:
+        """The steps before the time of an event, and the part of the next one up to it."""
+        n, curve = self.before(t), self.curve.until(t) if with_curve else None
+        rows = np.array([t]), p[None], v[None], lam[None]
+        if n:
+            before = self.t, *self.states
+            rows = tuple(np.concatenate((each[:n], row)) for each, row in zip(before, rows, strict=True))
+        return StepBatch(*rows, self.order[: n + 1], curve)
+
+
+def joined(curves) -> list[Curve]:
+    """The curves, with successive ones of the same system and type merged."""
+    groups: list[list[Curve]] = []
+    for curve in curves:
+        first = groups[-1][0] if groups else None
+        if first is not None and first.system is curve.system and type(first) is type(curve):
+            groups[-1].append(curve)
+        else:
+            groups.append([curve])
+    return [first.with_others(others) for first, *others in groups]
+
+
+class DenseOutput:
+    """The solution at any time of the run.
+
+    Calling it with times of shape (n,) gives (q, v, lam) with shapes (n, nq), (n, nv), (n, nc); a single time gives
+    single rows.
+    """
+
+    def __init__(self, curves):
+        self._curves = joined(curves)
+        first, last = self._curves[0].start, self._curves[-1].ends[-1]
+        self.t_min, self.t_max, self._sign = min(first, last), max(first, last), 1.0 if last >= first else -1.0
+        self._ends = np.array([curve.ends[-1] for curve in self._curves])
+
+    def __call__(self, t):
+        try:
+            times = np.asarray(t, float)
+        except (TypeError, ValueError):
+            raise InputError(f"dense output needs a time or times (s), got {t!r}") from None
+        if not (
+            times.ndim < 2 and np.isfinite(times).all() and (times >= self.t_min).all() and (times <= self.t_max).all()
+        ):
+            raise InputError(f"dense output covers t = {self.t_min:g} to {self.t_max:g} s, requested {t}")
+        asked = np.atleast_1d(times) if times.size else np.array([self.t_min])
+        holders = np.minimum(np.searchsorted(self._sign * self._ends, self._sign * asked), len(self._ends) - 1)
+        parts = [self._finished(self._curves[i], asked[holders == i]) for i in np.unique(holders)]
+        order = np.argsort(np.argsort(holders, kind="stable"), kind="stable")
+        columns = tuple(np.concatenate(column)[order] for column in zip(*parts, strict=True))
+        return tuple(column[: times.size] for column in columns) if times.ndim else tuple(row[0] for row in columns)
+
+    @property
+    def curves(self) -> tuple[Curve, ...]:
+        """The polynomials of all steps, in the order of the run."""
+        return tuple(self._curves)
+
+    @staticmethod
+    def _finished(curve, times):
+        """Rows with the multipliers as the user sees them, from the constraint rows kept in these steps."""
+        p, v, lam = curve(times)
+        return p, v, curve.system.full_multipliers(p, lam)

@@ -1,0 +1,221 @@
+"""The two main functions: `simulate` a mechanism, `integrate` any index-3 system."""
+
+import numpy as np
+
+from ..engine.hessenberg import HessenbergProblem
+from ..engine.norms import largest
+from ..engine.problem import Index3System
+from ..errors import InputError
+from ..mechanism.assembly import assembled
+from ..mechanism.checks import finite_array, flag
+from ..mechanism.closing import LoopSolver
+from ..mechanism.mechanism import Mechanism, with_added_forces
+from ..mechanism.rank import require_nonsingular
+from ..mechanism.system import MechanismSystem
+from .events import as_events
+from .integrate import integrate as advance
+from .interrupts import deferred
+from .options import Options, looking, span_of, warn_of_differences, without_backend
+from .output import Output
+from .solution import Solution
+from .steppers import stepper_for
+
+
+def simulate(
+    mech, t_span, q0=None, v0=None, *, method=None, step=None, order=None, rtol=1e-6, atol=1e-8, forces=(),
+    control=None, t_eval=None, dense_output=False, events=None, callback=None, consistency="every-step",
+    first_step=None, max_step=np.inf, max_steps=None, backend=None,
+) -> Solution:  # fmt: skip
+    """Assemble a mechanism and integrate its index-3 equations of motion.
+
+    Parameters
+    ----------
+    mech : Mechanism
+        The scene; see :func:`pinconsist.load`.
+    t_span : (float, float)
+        Start and end, s. An end before the start integrates backwards.
+    q0 : mapping or array, optional
+        Mapping joint name → value: the named joints are kept if the loops allow it, else a warning says where they
+        are; the others follow. Array (nq,): a starting guess from which the loops are closed; no entry is kept.
+        Default: the scene's guess.
+    v0 : mapping or array, optional
+        Mapping joint name → velocity: the named joints keep it, the others follow. Array (nv,): projected
+        onto the constraints in the mass metric. Default: rest.
+    method : {"Radau", "BDF", "ImplicitEuler"}, optional
+        Radau IIA, whose steps need no history; BDF of variable order; or implicit Euler (BDF-1). Default: Radau IIA;
+        BDF for mechanisms of more than 32 degrees of freedom, where it is faster if neither `step` nor `order` is
+        given, and for modes of `consistency` that Radau does not have.
+    step : float, optional
+        Fixed step, s: the largest step not above it that divides the interval. The order is then the same throughout,
+        and Newton runs to rounding. Without it step and order vary.
+    order : int, optional
+        Radau: 1, 3, 5, 9 or 13; by default it starts at 9 and varies. BDF: the highest order, 1 to 5 (default 5); with
+        `step` the order throughout, 1 to 6.
+    rtol, atol : float or (float, float)
+        The accuracy of the run in positions and velocities, relative to the largest value of each coordinate and
+        absolute; a pair (q, v) sets them separately. ``sol.error`` estimates what was achieved: a motion that amplifies
+        errors loses accuracy. The multipliers are never part of the error test. They converge with the velocities.
+    forces : sequence
+        Forces in addition to the mechanism's own; see :class:`Mechanism`.
+    control : mapping, optional
+        Commands of actuators, by their names or those of their joints: ``{"knee": 0.4}``, a number, a function of time,
+        or a table (times, values), interpolated linearly and constant outside; see :meth:`Mechanism.with_control`.
+    t_eval : array, optional
+        Times of the rows, inside the span, in its direction; no other rows are kept. Rows are interpolated between
+        steps: their loops are closed to the tolerance only. Default: every accepted step.
+    dense_output : bool
+        Whether to make ``sol.sol(t) -> (q, v, lam)`` for any time.
+    events : Event or function, or sequence of them, optional
+        See :class:`Event`; plain functions ``g(t, q, v, lam)`` may carry ``terminal``, ``direction``, ``apply``.
+    callback : callable, optional
+        ``callback(t, q, v, lam)`` after every accepted step; a true value stops the run. If it has an attribute
+        ``order``, that is set to the order of the step first (0: the start of BDF). Unless forces or constraints are
+        user-defined functions, up to 50 ms of further steps may have been made by then; if the callback stops the run,
+        they are discarded, but counted in ``nfev``, ``njev`` and ``nlu``.
+    consistency : {"every-step", "initial", "exact"}
+        ``"every-step"``: every accepted step is projected onto the hidden constraint, multipliers have full order
+        throughout. ``"initial"``: the starting velocities are made numerically consistent (Arévalo 2008), nothing
+        else; for fixed steps. ``"exact"``: raw BDF from the exact values; its first multipliers are wrong.
+    first_step, max_step : float, optional
+        First and largest step of the variable-step method, s. If there are laws of (t, q, v) among the forces, or
+        actuators with a limited force, the default is a tenth (Radau) or a twentieth (BDF) of the span, as they may
+        begin to act after a time of rest. See the notes.
+    max_steps : int, optional
+        Stop with an error after this many steps.
+    backend : str, optional
+        Has no effect any more.
+
+    Returns
+    -------
+    Solution
+        If the integration fails, ``success`` is False, and the solution holds the rows so far and a message. Ctrl-C
+        ends the run with the rows so far, ``status`` 1; after the last step it has no effect.
+
+    Notes
+    -----
+    Steps end at the times of tables, at the knots of drives and of SciPy's splines, and where functions of time (of
+    drives, constraints, forces, targets and commands) jump, bend, or begin, peak or end a pulse. These are found before
+    a run of variable step: such functions are sampled 2,000 times over the span, and every millisecond up to 10,000
+    times, constraints and laws of (t, q, v) at the start state, and up to 10,000 times more for the exact times of
+    jumps and bends. They are called within the span only. Pulses shorter than two samples may be missed: pass their
+    times, as a table, as `knots` or in a :class:`Piecewise`, or limit steps by `max_step`. A fixed `step` ends at known
+    times only. A function that remembers earlier calls is no function of time: use :class:`Sampled`. (Of laws that are
+    objects, a copy is sampled, and laws that do not use t are not.)
+
+    Raises
+    ------
+    InputError
+        Arguments that cannot be used.
+    AssemblyError
+        The loops cannot be closed, `v0` contradicts them, or `q0` a drive.
+    SingularSystemError
+        Some joint can move without any inertia.
+    UserFunctionError
+        A user-defined function raised an exception before the first step; later ones result in a failed solution.
+    """
+    without_backend(backend)
+    mech = with_added_forces(mech, forces, "simulate")
+    mech = mech if control is None else mech.with_control(control)
+    span = span_of(t_span)
+    options = Options(method, step, order, rtol, atol, consistency, first_step, max_step, max_steps)
+    options.for_span(span)  # errors in the options come before those of the mechanism
+    solver = LoopSolver(mech, span[0])
+    solver.loop_rows.breakpoints.look_ahead(span[0], span[1], mech.guess, np.zeros(mech.nv), step is None)
+    assembly = assembled(solver, q0, v0)
+    system = MechanismSystem(mech, assembly.q, span[0], solver)
+    require_nonsingular(system, assembly.q)
+    output = _output(span, t_eval, dense_output, as_events(events, mech), callback)
+    return _integrated(system, span, assembly.q, assembly.v, options, output)
+
+
+def integrate(
+    system, t_span, p0, v0, *, method=None, step=None, order=None, rtol=1e-6, atol=1e-8, t_eval=None,
+    dense_output=False, events=None, callback=None, consistency="every-step", first_step=None, max_step=np.inf,
+    max_steps=None, backend=None,
+) -> Solution:  # fmt: skip
+    """Integrate an index-3 system from given initial values, without assembly.
+
+    Parameters
+    ----------
+    system : HessenbergProblem or Mechanism or Index3System
+        What to integrate; a mechanism with its own forces.
+    t_span : (float, float)
+        Start and end, s.
+    p0, v0 : array
+        Initial position, on the constraint, and velocity. A velocity off the hidden constraint is accepted, because
+        numerically consistent values are off it.
+    method, step, order, rtol, atol, t_eval, dense_output, events, callback, consistency, first_step, max_step, \
+    max_steps, backend
+        As in :func:`simulate`.
+
+    Returns
+    -------
+    Solution
+        With ``q`` and ``v`` for the p and v (the paper's q) of the general form.
+
+    Raises
+    ------
+    InputError
+        Wrong sizes, NaN, or a position off the constraint, which at index 3 would spoil the multipliers by
+        |Φ|/step².
+    """
+    without_backend(backend)
+    span = span_of(t_span)
+    options = Options(method, step, order, rtol, atol, consistency, first_step, max_step, max_steps)
+    options.for_span(span)
+    p0, v0 = finite_array(p0, "p0"), finite_array(v0, "v0")
+    system = system_of(system, span[0], p0, v0)
+    phi = system.constraint(span[0], p0, system.rate(span[0], p0, v0))[0]
+    size = largest(phi)
+    if not size <= 1e-6 * (1.0 + largest(p0)):
+        raise InputError(
+            f"p0 is off the constraint by {size:.3g} ({system.describe_row(int(np.argmax(np.abs(phi))))}); an index-3 "
+            "method turns that into a multiplier error of that size over the step squared. Pass a p0 on the "
+            "constraint, or use simulate(), which assembles"
+        )
+    events = as_events(events, getattr(system, "mechanism", None))
+    return _integrated(system, span, p0, v0, options, _output(span, t_eval, dense_output, events, callback))
+
+
+def _integrated(system, span, p0, v0, options, output) -> Solution:
+    chosen = options.for_span(span, system.nv - system.nc)
+    warn_of_differences(system, chosen)
+    chosen = looking(chosen, system, span)
+    with deferred(late=False) as interrupted:
+        stepper = stepper_for(system, chosen)
+        trajectory = advance(system, span, p0, v0, chosen, output, stepper, interrupted)
+        return Solution._from_trajectory(trajectory, chosen, output.events)
+
+
+def system_of(system, t0, p0, v0):
+    """The Index3System of a Mechanism or HessenbergProblem at a state, or the given Index3System; else InputError."""
+    if isinstance(system, Mechanism):
+        if p0.shape != (system.nq,) or v0.shape != (system.nv,):
+            raise InputError(
+                f"{system.name}: p0 and v0 need shapes ({system.nq},) and ({system.nv},), got {p0.shape} and {v0.shape}"
+            )
+        if np.max(np.abs(system.configuration(p0) - p0)) > 1e-8:
+            raise InputError(f"{system.name}: p0 has a quaternion or a (cos, sin) pair that is not of unit length")
+        built = MechanismSystem(system, p0, t0)
+        require_nonsingular(built, p0)
+        return built
+    if isinstance(system, HessenbergProblem):
+        return system.at(t0, p0, v0)
+    if isinstance(system, Index3System):
+        return system
+    raise InputError(f"cannot integrate a {type(system).__name__}; give a Mechanism or a HessenbergProblem")
+
+
+def _output(span, t_eval, dense_output, events, callback) -> Output:
+    if callback is not None and not callable(callback):
+        raise InputError(f"callback must be a function of (t, q, v, lam), got {type(callback).__name__}")
+    if t_eval is not None:
+        t_eval = np.atleast_1d(finite_array(t_eval, "t_eval"))
+        low, high = min(span), max(span)
+        if t_eval.ndim != 1:
+            raise InputError(f"t_eval must be one row of times, got an array of shape {t_eval.shape}")
+        if (t_eval < low).any() or (t_eval > high).any():
+            raise InputError(f"t_eval must be times between {low:g} and {high:g} s")
+        if ((span[1] - span[0]) * np.diff(t_eval) < 0).any():
+            raise InputError("t_eval must be sorted in the direction of t_span")
+    return Output(t_eval, flag(dense_output, "dense_output"), events, callback)

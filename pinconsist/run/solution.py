@@ -1,0 +1,457 @@
+"""Solution: the rows of a run, its certificate, and its file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..engine.systems import blank_system
+from ..errors import InputError
+from ..mechanism.checks import finite_array
+from ..mechanism.checks import name as checked_name
+from ..mechanism.energy import UNCERTAIN, Energy, energy_of, refined
+from ..mechanism.forces.actuators import commands, replayed
+from ..mechanism.forces.held import sided
+from ..mechanism.mechanism import Mechanism
+from ..mechanism.reactions import JointForce, Reaction, States, joint_force, reaction
+from ..mechanism.rows import Workspace
+from .accuracy import PATIENCE, GlobalError, NotEstimatedError, accelerations, finer_run
+from .certificate import Certificate, certify
+from .quantities import Quantity, Series
+from .results import ByName
+from .solution_file import read, skipped_work, summary_of, write
+from .states import states_at
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution(ByName):
+    """The result of a simulation. Rows are times; arrays are read-only.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Times, s.
+    q, v, lam : ndarray, shapes (n, nq), (n, nv), (n, nc)
+        Configurations, velocities, multipliers; with redundant rows, the multipliers of smallest norm. Signs, frames
+        and units: :mod:`pinconsist.mechanism.loops`. Without ``t_eval`` every accepted step has its row:
+        ``lam[0]`` belongs to the start and is the multiplier of the differential equation there; ``lam[1]`` belongs
+        to the first step. With variable steps, and with fixed ones of an order above 1, rows of the start
+        (``order`` 0) come before the first step of the method itself. Rows of ``t_eval``, and rows at an event
+        that ends a step, are interpolated: their loops are closed to the tolerance only, those of steps to rounding.
+    success, status : bool, int
+        Status 0: end reached; 1: stopped by an event, a callback or Ctrl-C, which is a success as in scipy; -1: failed.
+    message : str
+        What happened, in words; begins with "interrupted" after Ctrl-C.
+    nsteps, nfev, njev, nlu : int
+        Accepted steps, residual evaluations, Newton matrices, factorisations.
+    rejected : dict
+        Rejected attempts by reason.
+    h, order : ndarray, shape (n-1,)
+        Step and order with which each row was reached; order 0 marks the start of BDF, step 0 the jump at an event.
+        Empty with ``t_eval``.
+    sol : DenseOutput or None
+        ``sol(t) -> (q, v, lam)``, with ``dense_output=True``.
+    t_events, q_events, v_events : list of ndarray
+        Times and states at which each event occurred.
+    method : dict
+        How the run was made: order, step, consistency, tolerances, skipped work.
+    scene : str
+        Name of the mechanism; empty for a general problem.
+    recipe : dict or None
+        How to repeat the run, as plain data, if :func:`pinconsist.record` or a command made it.
+    held : dict of str to ndarray, shape (n, 1 + nv)
+        Torques that were held, by the label of their force, see :class:`~pinconsist.Sampled`: the time since which, and
+        τ. Where they jump there are two rows at one time (with ``t_eval``, the one after the jump).
+    versions : dict
+        Versions of the packages that made it, if it was read from a file.
+    system
+        The system that was integrated (None if read from a file).
+    certificate : Certificate or None
+        The verdict, once :meth:`check` has made it; pages and files show this one.
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    lam: np.ndarray
+    success: bool
+    status: int
+    message: str
+    nsteps: int
+    nfev: int
+    njev: int
+    nlu: int
+    rejected: dict
+    h: np.ndarray
+    order: np.ndarray
+    method: dict
+    scene: str = ""
+    recipe: dict | None = field(default=None, repr=False, compare=False)
+    versions: dict = field(default_factory=dict, repr=False, compare=False)
+    held: dict = field(default_factory=dict, repr=False, compare=False)
+    sol: Callable | None = field(default=None, repr=False, compare=False)
+    t_events: list = field(default_factory=list, repr=False, compare=False)
+    q_events: list = field(default_factory=list, repr=False, compare=False)
+    v_events: list = field(default_factory=list, repr=False, compare=False)
+    system: Any = field(default=None, repr=False, compare=False)
+    _events: tuple = field(default=(), repr=False, compare=False)
+    _changes: tuple = field(default=(), repr=False, compare=False)
+    certificate: Certificate | None = field(default=None, init=False, repr=False, compare=False)
+
+    @classmethod
+    def _from_trajectory(cls, trajectory, method, events=()) -> Solution:
+        """The solution of a trajectory; it is a failure if a dropped row has opened."""
+        system = trajectory.system
+        if trajectory.opened:
+            i, gap, (loop, row) = trajectory.opened
+            trajectory.status = -1
+            trajectory.message = (
+                f"loop {loop!r} row {row} depends on other rows at the start and was dropped, but the loops are open "
+                f"by {gap:.1e} at t = {trajectory.t[i]:.6g}: the rows that were kept are not sufficient there. "
+                "Start elsewhere, or from a state just before; if numbers in the file are rounded, use "
+                "load(…, precision=1e-6)"
+            )
+        values: dict[str, Any] = {name: np.array(getattr(trajectory, name)) for name in ("t", "v", "lam", "h", "order")}
+        values["q"] = np.array(trajectory.p)
+        for array in values.values():
+            array.setflags(write=False)
+        for k, name in enumerate("tqv"):
+            values[f"{name}_events"] = [np.array([row[k] for row in rows]) for rows in trajectory.events]
+        outcome = ("status", "message", "nsteps", "nfev", "njev", "nlu", "rejected")
+        scene, values["held"] = getattr(system, "mechanism", None), getattr(system, "held", {})
+        about: dict[str, Any] = {"skipped": skipped_work(trajectory)}
+        about |= {"forces": len(scene.forces)} if scene else {}
+        about |= {"control": control} if scene and (control := commands(scene)) else {}
+        return cls(
+            **values, system=system, method=method.describe() | about, scene=scene.name if scene else "",
+            success=trajectory.status >= 0, sol=trajectory.dense,
+            _events=events, _changes=tuple(trajectory.changes), **{name: getattr(trajectory, name) for name in outcome},
+        )  # fmt: skip
+
+    def __repr__(self):
+        first = self.message.split(". ")[0]
+        lines = [f"Solution of {self.scene or 'a problem'}: {len(self.t)} rows, {self.nsteps} steps, {first!r}"]
+        if len(self.t):
+            made = self.method.get("method", "")
+            sizes = ", ".join(f"{name} {getattr(self, name).shape}" for name in ("q", "v", "lam"))
+            lines += [f"  t     {self.t[0]:g} … {self.t[-1]:g} s, {made}", f"  rows  {sizes}"]
+        mechanism = getattr(self.system, "mechanism", None)
+        return "\n".join([*lines, *str(mechanism).splitlines()[1:]])
+
+    def _repr_mimebundle_(self, include=None, exclude=None):
+        """For notebooks: the text; for a run of a mechanism also a picture and the page that plays it."""
+        bundle, mechanism = {"text/plain": repr(self)}, getattr(self.system, "mechanism", None)
+        if mechanism is not None and len(self.t) > 1:
+            from ..view.page import notebook_html
+
+            bundle["text/html"] = notebook_html(self, mechanism)
+        return bundle
+
+    def __getstate__(self):
+        """Without system and dense output, which hold Pinocchio's workspaces; `check` then needs a mechanism."""
+        return self.__dict__ | {"system": None, "sol": None, "_events": ()}
+
+    @property
+    def y(self) -> np.ndarray:
+        """[q; v; λ] with times as columns, as in scipy: shape (nq+nv+nc, n)."""
+        return np.hstack((self.q, self.v, self.lam)).T
+
+    @property
+    def mechanism(self) -> Mechanism | None:
+        """The mechanism that was simulated, with the forces of the run.
+
+        None for a general problem, and for a solution that was read from a file or copied.
+        """
+        return getattr(self.system, "mechanism", None)
+
+    def check(self, mechanism=None, error=None) -> Certificate:
+        """The verdict on the run, and the figures behind it, evaluated in a separate system: see :class:`Certificate`.
+
+        It is made once: later calls, pages and files show the same. Its ``error`` is the global error, estimated by a
+        finer run if that takes less than 3 seconds, and the verdict says if not; with `error`
+        True however long it takes. Forces and events are called again for it. With `error` False only the residuals
+        of the rows are evaluated.
+
+        A solution read from a file has the verdict that was made before it was saved. If there is none, or to make it
+        anew, pass the `mechanism`, with the forces of the run, those given to ``simulate(forces=...)`` included
+        (:meth:`Mechanism.add_forces`). Raises InputError for a missing or different mechanism, one with a different
+        number of forces than the run had, and a solution without rows.
+        """
+        kept = self.certificate
+        if mechanism is None and kept is not None and self._suffices(kept, error):
+            return kept
+        self._require_scene(mechanism, "check")
+        replayed = self._replayed(mechanism)
+        finer, missing = None, ""
+        if error is not False:
+            try:
+                finer = finer_run(self, replayed, PATIENCE if error is None else np.inf)
+            except NotEstimatedError as why:
+                missing = str(why)
+        made = certify(self, replayed, finer, missing)
+        if (mechanism is None or self.system is None) and (kept is None or error is not False):
+            object.__setattr__(self, "certificate", made)
+        return made
+
+    @staticmethod
+    def _suffices(kept, error) -> bool:
+        """Whether a certificate has an error estimate, or none, as it is wanted."""
+        if error is False:
+            return kept.error is None and not kept.error_missing
+        return kept.error is not None or bool(kept.error_missing and error is None)
+
+    @property
+    def error(self) -> GlobalError | None:
+        """The global error, see :class:`~pinconsist.GlobalError`; None if it cannot be estimated."""
+        return self.check(error=True).error
+
+    def at(self, t, mechanism=None) -> Solution:
+        """The solution with rows at the times `t`, s, shape (n,), in the order of the run, inside it; or at one time.
+
+        ``sol.at(times).reaction("pin")`` is the reaction at these times, and so on. At the time of a row it is that
+        row, the later of two. Between rows, q and v have the accuracy of the run, whatever its method and its steps,
+        with or without ``dense_output``: the continuous solution is evaluated, or made once more from the rows. The
+        loops are closed to rounding, and multipliers are those of the equations of motion. ``h`` and ``order`` are
+        empty, and the verdict is that of the run.
+
+        `mechanism` is as in :meth:`check`. Raises InputError as there, and for times in another order or outside of the
+        run.
+        """
+        general = mechanism is None and self.system is not None and not hasattr(self.system, "mechanism")
+        scene = None if general else self._mechanism(mechanism, "at")
+        self._require_forces(mechanism)
+        times = np.atleast_1d(finite_array(t, "t"))
+        if len(self.t) and ((self.t[-1] - self.t[0]) * np.diff(times) < 0).any():
+            raise InputError("t must be sorted in the direction of the run")
+        columns = dict(zip(("q", "v", "lam"), states_at(self, times, scene), strict=True), t=times.copy())
+        for column in columns.values():
+            column.setflags(write=False)
+        found = replace(self, **columns, h=np.zeros(0), order=np.zeros(0, int))
+        object.__setattr__(found, "certificate", self.certificate)
+        return found
+
+    def evaluate(self, quantity: str, mechanism=None) -> Any:
+        """A `quantity` of the run by its name, such as ``"peak reaction boom_pin"`` or ``"position foot z at 2.5"``.
+
+        The names are those of the command line, of :func:`pinconsist.plot` and of :meth:`Sensitivities.of`. At the
+        front may stand ``min``, ``max``, ``peak`` (the value of largest size, with its sign), ``rms``, ``mean`` or
+        ``final``; at the end ``at`` and a time, s. States between the rows count, see :meth:`at`. Then the result is a
+        number; or an array, if ``final`` or ``at`` is of a quantity with several numbers. Of vectors, the statistics
+        are those of the length. With neither, the result is an array with a value for each row, shape (n,) or (n, k).
+
+        ============================================  ==================================================================
+        ``position``, ``velocity``, ``acceleration``  of a joint, or of a frame: ``"peak velocity foot"``
+        ``reaction``, ``moment``                      force and moment of a loop or a joint, :meth:`reaction`; the
+                                                      torque of a drive
+        ``joint_force``, ``joint_moment``             of a joint of the tree, :meth:`joint_force`
+        ``force``, ``length``, ``speed``              of a spring or an actuator, :meth:`force`
+        ``torque``, ``power``                         of a force, drive or joint, :meth:`torque`
+        ``multipliers``                               of a loop, one for each row
+        ``energy``                                    ``total``, ``kinetic``, ``potential``, ``elastic``, or ``error``:
+                                                      that of the balance, at rows only
+        ``error``                                     ``q``, ``v`` or ``force``: the global error of the run
+        ============================================  ==================================================================
+
+        After the name may stand a component, ``x``, ``y`` or ``z`` in world axes, or a row of multipliers. A colon may
+        replace the first blank, ``"reaction:pin"``. A name alone is the position of a joint or frame, the multipliers
+        of a loop, or the force of an element. `mechanism` is as in :meth:`check`. Raises InputError for anything else.
+        """
+        asked = Quantity.of(quantity, self._mechanism(mechanism, "evaluate"))
+        if asked.statistic or asked.what == "error":
+            return asked.value(self, mechanism)
+        return asked.series(self, mechanism).values
+
+    def series(self, quantity: str, mechanism=None) -> Series:
+        """A quantity at the rows with its unit and the names of its parts, as :func:`pinconsist.plot` draws it.
+
+        `quantity` is as in :meth:`evaluate`, without a statistic. Raises InputError as there.
+        """
+        return Quantity.of(quantity, self._mechanism(mechanism, "series")).curve(self, mechanism)
+
+    def energy(self, mechanism=None) -> Energy:
+        """The energies of the rows, power and work of each force, and their balance: see :class:`~pinconsist.Energy`.
+
+        `mechanism` is as in :meth:`check`. Raises InputError as there, and for a general problem.
+        """
+        self._require_scene(mechanism, "energy")
+        mechanism = self._replayed(mechanism) or getattr(self.system, "mechanism", None)
+        if mechanism is None:
+            raise InputError("energy is defined for mechanisms only, not for a general problem")
+        workspace = self._workspace(mechanism.model)
+        energy = energy_of(self, mechanism, workspace)
+        if energy.work_error <= UNCERTAIN:
+            return energy
+        closed = self.sol is not None and self.method.get("method") == "Radau"  # between rows, too
+        states = self.sol if closed else lambda times: states_at(self, times, mechanism)
+        return refined(energy, mechanism, states, workspace)
+
+    def reaction(
+        self, loop: str, mechanism=None, *, axes: str = "world", compliance: Mapping | None = None
+    ) -> Reaction | JointForce:
+        """The reaction of a loop: force and moment on body 2, or a motor's torque; see :class:`Reaction`.
+
+        `loop` names a loop, drive, coupling or constraint of the mechanism; there is a row for each row of the
+        solution. Of a joint of the tree this is :meth:`joint_force`. A solution read from a file needs the `mechanism`
+        that was simulated. `axes` of force and moment are "world", or "anchor": those of the loop's anchor 1.
+
+        Where loops are redundant, rigid bodies do not determine all reactions, and ``not_unique`` lists those of
+        smallest norm. A `compliance` determines them: loop or joint → m/N, or (m/N, rad/(N·m)); 0 is rigid, as is what
+        is not named; for drives, couplings and constraints one number, of their row. The energy Σ c |wrench|² / 2 is
+        then smallest, as between stiff springs.
+
+        Raises InputError for an unknown loop, a missing or different mechanism, a general problem, other axes, and a
+        compliance of nothing that exists.
+        """
+        return reaction(self._states(mechanism, "reaction"), loop, axes, compliance)
+
+    def joint_force(
+        self, joint: str, mechanism=None, *, axes: str = "world", compliance: Mapping | None = None
+    ) -> JointForce:
+        """What a `joint` of the tree transmits: force and moment on its child there, see :class:`JointForce`.
+
+        It follows from inverse dynamics at each row, with gravity, all forces and all loops. Links that are rigidly
+        attached in a file are one body, and have no joint force. `axes` are "world", or "joint": those of its frame on
+        the child. `mechanism` is as in :meth:`check`, and `compliance` as in :meth:`reaction`. Raises InputError as
+        there.
+        """
+        mechanism = self._mechanism(mechanism, "joint_force")
+        checked_name(joint, "joint_force(): the joint")
+        if joint not in mechanism.joints and joint in (loop.name for loop in mechanism.loops):
+            raise InputError(
+                f"{mechanism.name}: {joint!r} is a loop, not a joint of the tree: use sol.reaction({joint!r})"
+            )
+        return joint_force(self._states(mechanism, "joint_force"), joint, axes, compliance)
+
+    def _states(self, mechanism, method) -> States:
+        """What reactions and joint forces are computed from; accelerations only where they are needed."""
+        found = self._mechanism(mechanism, method)
+        workspace = self._workspace(found.model)
+
+        def acting():
+            self._require_forces(mechanism)
+            return self._mechanism(mechanism, "acceleration")
+
+        def motion(rows):
+            v = self.v[rows]
+            return v, accelerations(acting(), self, sided(self.t)[rows], self.q[rows], v)
+
+        def at(times):
+            q, v, lam = states_at(self, times, acting())
+            return States(
+                found,
+                times,
+                q,
+                lam,
+                workspace,
+                lambda rows: (v[rows], accelerations(acting(), self, times, q, v)[rows]),
+            )
+
+        return States(found, self.t, self.q, self.lam, workspace, motion, at)
+
+    def _mechanism(self, mechanism, method) -> Mechanism:
+        require_mechanism(self, mechanism)
+        replay = method not in ("position", "velocity", "reaction")  # these need no forces
+        found = (self._replayed(mechanism) if replay else mechanism) or getattr(self.system, "mechanism", None)
+        if found is None:
+            where = "a solution that was read from a file or copied needs its mechanism here: "
+            where += f"sol.{method}(…, mechanism)"
+            raise InputError(where if self.system is None else f"{method}: a general problem has no loops and joints")
+        return found
+
+    def _replayed(self, mechanism):
+        """`mechanism`, by default that of the run, with the recorded torques; None if there are none and no default."""
+        own = getattr(self.system, "mechanism", None) if self.held else None
+        return replayed(mechanism or own, self)
+
+    def _workspace(self, model) -> Workspace:
+        """A workspace for evaluations, which reuses that of the run if it has the same model."""
+        system = self.system if getattr(self.system, "model", None) is model else None
+        return Workspace(model, blank_system, system and system.data)
+
+    def _require_scene(self, mechanism, method):
+        if mechanism is None and self.system is None:
+            raise InputError(
+                f"a solution that was read from a file or copied needs its mechanism here: sol.{method}(mechanism)"
+            )
+        if not len(self.t):
+            raise InputError(f"the solution has no rows to {'check' if method == 'check' else 'compute energies of'}")
+        self._require_forces(mechanism)
+
+    def _require_forces(self, mechanism):
+        require_mechanism(self, mechanism)
+        forces = self.method.get("forces")
+        if mechanism is not None and forces not in (None, len(mechanism.forces)):
+            raise InputError(
+                f"the run had {forces} forces besides the model's own, but this mechanism has "
+                f"{len(mechanism.forces)}: add those of simulate(forces=...) by mechanism.add_forces(...)"
+            )
+
+    def render(self, file, mechanism=None, *, speed=1.0, traces=(), forces=False, at=()) -> Path:
+        """The path of a film of the motion, ``.mp4`` or ``.gif``, or of drawings of a planar mechanism, ``.svg``.
+
+        It is drawn in this process, as on a page but without perspective, and written to `file` whole or not at all.
+        `speed`, `traces` and `forces` are as in :func:`pinconsist.export_html`; `at` holds the times to draw in an
+        SVG, s, by default the start; `mechanism` is as in :meth:`reaction`. Raises InputError as export_html does, for
+        other endings, for times outside the run, and for drawings of mechanisms that are not planar;
+        MissingExtraError without the extra; OSError if the file cannot be written.
+        """
+        from ..view.render import render
+
+        return render(
+            self._mechanism(mechanism, "reaction"), self, file, speed=speed, traces=traces, forces=forces, at=at
+        )
+
+    def summary(self) -> str:
+        """The message; steps, their sizes and orders; rejected ones by reason; what the run took; what was skipped."""
+        return summary_of(self)
+
+    def export_html(self, file, mechanism=None, **options) -> Path:
+        """The path of the page of :func:`pinconsist.export_html`, written to a `file` with its `options`.
+
+        `mechanism` is as in :meth:`reaction`.
+        """
+        from ..view.page import export_html
+
+        return export_html(self._mechanism(mechanism, "export_html"), self, file, **options)
+
+    def save(self, file) -> Path:
+        """The path of the npz `file` written, whole or not at all; ``.npz`` is added if missing.
+
+        An existing file is replaced. The file has no pickles, ``system`` or ``sol``. It has the times and states of
+        events, and the verdict of :meth:`check` if that was made. It names the versions that made it; a run of
+        :func:`pinconsist.record` can be repeated and continued from it. Raises OSError if it cannot be written; an
+        existing file is then unchanged.
+        """
+        return write(self, file)
+
+    @classmethod
+    def load(cls, file) -> Solution:
+        """The solution that :meth:`save` wrote to this `file`, named with its ``.npz``.
+
+        It has no ``system`` and ``sol``: :meth:`energy` and :meth:`reaction` need the mechanism, and so does
+        :meth:`check` if the verdict was not made before the run was saved.
+        Raises FormatError, which names the file, if it is missing, truncated, damaged, foreign or of another format.
+        """
+        fields, certificate = read(file)
+        found = cls(**fields)
+        object.__setattr__(found, "certificate", certificate)
+        return found
+
+
+def require_mechanism(solution, mechanism, who="the solution", hint=""):
+    """Raise InputError for an argument that cannot be the mechanism of a solution."""
+    if mechanism is None:
+        return
+    if not isinstance(mechanism, Mechanism):
+        raise InputError(f"a Mechanism is needed to read the solution, got {type(mechanism).__name__}")
+    sizes = solution.q.shape[1], solution.v.shape[1], solution.lam.shape[1]
+    if sizes != (mechanism.nq, mechanism.nv, mechanism.nc):
+        raise InputError(
+            f"{who} has {sizes[0]} position numbers, {sizes[1]} velocities and {sizes[2]} multipliers, mechanism "
+            f"{mechanism.name!r} has {mechanism.nq}, {mechanism.nv} and {mechanism.nc}: it is not the one that was "
+            f"simulated{hint}"
+        )

@@ -1,0 +1,75 @@
+"""The polynomials of steps of Radau IIA, evaluated in C++."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..engine import required
+from ..engine.index1 import singular_message
+from ..engine.systems import compiled_system
+from ..errors import SingularSystemError
+from .dense import Curve
+
+
+class StageCurve(Curve):
+    """The polynomials of steps of Radau IIA, see ``engine/collocation.hpp``.
+
+    Between the ends, a state is projected onto both constraints, which removes most of its error; λ follows by the
+    equations of index 1. Events use the polynomials without projection; the step is repeated up to an event that is
+    found. If forces are stiff, what the projection moves along them is taken back, as at the end of a step. Where the
+    polynomials are not accurate between the ends, a step has those of two steps of half the size.
+
+    `sampler` holds the object that evaluates them, as long as that may be kept.
+    """
+
+    def __init__(self, steps, start, ends, system, sampler: list):
+        self._steps, self._start, self.ends, self.system, self._sampler = steps, start, ends, system, sampler
+
+    @property
+    def start(self):
+        return self._start
+
+    def segment(self, i):
+        return StageSegment(self, i, self.ends[i - 1] if i else self.start, self.ends[i])
+
+    def step(self, i) -> tuple:
+        """Of a step: start, size, number of stages; p and v there; accelerations of stages; p and v at its end."""
+        return self._steps.step(i)
+
+    def _cut(self, last, end):
+        ends = np.append(self.ends[:last], end)
+        return StageCurve(self._steps.first(last + 1), self.start, ends, self.system, self._sampler)
+
+    def __call__(self, times):
+        return self._found(self._sampling().rows(self._steps, self.holders(times), times), times)
+
+    def row(self, i, t):
+        """(p, v, λ) at a time of a step."""
+        return self._found(self._sampling().row(self._steps, i, t), [t])
+
+    def _sampling(self):
+        """The object that evaluates the polynomials; a curve that outlives its run keeps none with user's functions."""
+        return self._sampler[0] if self._sampler else required().Sampler(compiled_system(self.system))
+
+    @staticmethod
+    def _found(rows, times):
+        if rows is None:
+            raise SingularSystemError(singular_message(times[0]))
+        return rows
+
+    def with_others(self, curves):
+        steps, ends = self._steps.joined([each._steps for each in curves]), [each.ends for each in (self, *curves)]
+        return StageCurve(steps, self.start, np.concatenate(ends), self.system, self._sampler)
+
+
+@dataclass(frozen=True)
+class StageSegment:
+    """One step of a curve."""
+
+    curve: StageCurve
+    i: int
+    t_old: float
+    end: float
+
+    def __call__(self, t):
+        return self.curve.row(self.i, t)
