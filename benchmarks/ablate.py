@@ -27,6 +27,7 @@ from pinconsist.run.steppers import stepper_for
 from pinconsist.view.visuals import visuals
 
 from . import report
+from .constants import worths
 
 SCENES = {"crank_rocker": 2.0, "andrews": 0.02, "bricard": 4.0, "delta_robot": 0.5, "chain_8": 1.0, "chain_64": 1.0}
 """The scenes and how long they run, s."""
@@ -116,14 +117,19 @@ def command(
         list[str] | None, typer.Argument(metavar="[NAME|PATH ...]", help="Default: one scene of every kind.")
     ] = None,
     repeats: Annotated[int, typer.Option(metavar="N", help="Rounds, in each of which all variants run in turn.")] = 3,
+    constants: Annotated[
+        bool, typer.Option("--constants", help="Halve and double each constant of the method.")
+    ] = False,
     csv: report.Csv = None,
     as_json: output.Json = False,
 ) -> int:
-    """Do each piece of work that a run skips, in turn, and print what it costs.
+    """Do each piece of work that a run skips, in turn, and print what it costs; or change each constant of the method.
 
     Example: python -m benchmarks ablate crank_rocker
     """
     output.require_writable(csv=csv)
+    if constants:
+        return _constants(scene, repeats, csv, as_json)
     rows = [asdict(cost) for cost in ablate(scene, repeats)]
     if report.in_files(csv, as_json, rows, ablate=rows):
         return output.FINE
@@ -132,4 +138,21 @@ def command(
         columns = ["variant", *times, "steps>", "residuals>", "matrices>"]
         own = [row for row in rows if row["scene"] == name]
         report.table(own, columns, f"{name}: time over that of the plain run")
+    return output.FINE
+
+
+def _constants(scenes, repeats, csv, as_json) -> int:
+    rows = [asdict(row) for row in worths({name: SCENES.get(name, ELSEWHERE) for name in scenes or SCENES}, repeats)]
+    if report.in_files(csv, as_json, rows, constants=rows):
+        return output.FINE
+    columns = [
+        "constant",
+        "value>",
+        ("x>", "{factor:g}"),
+        ("time>", "{time:.2f}"),
+        ("slowest>", "{slowest:.2f}"),
+        "where",
+    ]
+    columns += [("error>", "{error:.2g}"), ("before>", "{error_before:.2g}")]
+    report.table(rows, columns, "Constants halved and doubled: time over that without; largest error, in tolerances")
     return output.FINE

@@ -96,7 +96,7 @@ def test_known_derivatives_of_the_equations_are_those_of_differences(scene):
     run = prepared(mech, KINDS[scene], (0.0, 1e-3), None, None, None, None, (), None, 1e-5, 1e-5, {})
     _, (leg, *_), variants, *_ = run
     system = leg.system
-    p, (v, a) = system.integrate(leg.start(0.0)[0], 0.1 * rng.normal(size=system.nv)), rng.normal(size=(2, system.nv))
+    p, (v, a) = system.integrate(leg.start.p0, 0.1 * rng.normal(size=system.nv)), rng.normal(size=(2, system.nv))
     lam = rng.normal(size=system.nc)
     nv, known = system.nv, variants.residuals(system)
     columns = _known_rates(known).columns(0.3, p, v, a, len(known)).T

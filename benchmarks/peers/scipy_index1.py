@@ -7,7 +7,7 @@ import pinocchio as pin
 from scipy.integrate import solve_ivp
 
 from pinconsist.mechanism.forces import bound_forces
-from pinconsist.paper.index1 import acceleration
+from pinconsist.paper import index1
 
 from .problem import Peer, Rows, SolverFailed
 
@@ -38,7 +38,7 @@ class ScipyIvp(Peer):
                 raise SolverFailed(sol.message)
             rows = thin(len(sol.t))
             t, q, v = sol.t[rows], sol.y[:n, rows].T, sol.y[n:, rows].T
-            lam = np.array([acceleration(system, *state)[1] for state in zip(t, q, v, strict=True)])
+            lam = np.array([index1.acceleration(system, *state)[1] for state in zip(t, q, v, strict=True)])
             return Rows(t, q, v, problem.multipliers(q, lam))
 
         return solve, read
@@ -49,7 +49,7 @@ def accelerations(problem):
     system = problem.system
 
     def by_kkt(t, q, v):
-        return acceleration(system, t, q, v)[0]
+        return index1.acceleration(system, t, q, v)[0]
 
     by_pinocchio = _pinocchios(problem)
     if by_pinocchio is None:

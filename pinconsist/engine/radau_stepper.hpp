@@ -39,16 +39,15 @@ public:
       most = std::max(size(a), size(a1_));
       const bool from_zero = size(a) <= FIRST_CHANGE * most && change * trial <= FIRST_CHANGE * size(v);
       if (from_zero) most = std::sqrt(change / trial * size(v)); // reached while it changes the velocity by its own size
-      const bool rounding = most * limit <= FIRST_ERROR; // accelerations that do not matter, as at rest
-      if (rounding) change = 0.0;
-      return from_zero || rounding || change <= FIRST_CHANGE * most;
+      return from_zero || change * trial <= FIRST_ERROR || change <= FIRST_CHANGE * most;
     };
     for (int i = 1; !tells() && i < static_cast<int>(FIRST_TRIALS); ++i) trial *= 0.25;
     if (std::isfinite(change)) slope_ = (a1_ - a) / std::copysign(trial, t_end - t);
     const double time = std::min(limit, trial * most / std::max(change, tiny));
     const double part = std::pow(FIRST_ERROR / std::max(most * time, tiny), 1.0 / control.exponent());
-    const double least = std::max(shortest_step(t), shortest_step(t_end));
-    return std::copysign(std::max(std::min(time * std::min(1.0, part), control.max_step), least), t_end - t);
+    const double least = change * trial <= FIRST_ERROR ? trial : 0.0; // as at rest, where accelerations are rounding
+    const double found = std::min(std::max(time * std::min(1.0, part), least), control.max_step);
+    return std::copysign(std::max({found, shortest_step(t), shortest_step(t_end)}), t_end - t);
   }
 
   // Take over the state of a run with other rows of the constraints, up to the next `begin_anew`.

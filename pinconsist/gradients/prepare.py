@@ -53,10 +53,10 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
         leg.system.differentiate_forces()
     refuse_jumps(solution, legs, base)
     first = legs[0].start
-    state, parameters = first(first.t_old)[:2], getattr(build, "parameters", ())
+    state, parameters = (first.p0, first.v0), getattr(build, "parameters", ())
     end = legs[-1].span[1]  # where time-dependent terms have changed most
-    variants = variants_of(make, theta, names, steps, base, first.system, end, *state, parameters)
-    refuse_moving_jumps(variants, first.system, t_span[0], end, t_span[1], *state)
+    variants = variants_of(make, theta, names, steps, base, legs[0].system, end, *state, parameters)
+    refuse_moving_jumps(variants, legs[0].system, t_span[0], end, t_span[1], *state)
     return solution, legs, variants, base, names, theta
 
 

@@ -138,7 +138,7 @@ class Crossing:
     def after(self, events, variants, base, leg):
         """The derivatives (P, nx+nv) of the state at the start of the next `leg`, at a fixed time."""
         system, t = leg.system, self.t
-        p_after, v_after, _ = leg.start(leg.start.t_old)
+        p_after, v_after = leg.start.p0, leg.start.v0
 
         def applied(side, t, p, v):
             for i in events:

@@ -72,7 +72,7 @@ class Event:
             )
 
     def raise_failure(self, t, error) -> NoReturn:
-        """Raise what says that the function raised `error`, or returned NaN."""
+        """Raise what says that the function raised `error` at `t`, or returned NaN."""
         raise UserFunctionError(f"the event {self.name!r}", t, error or ValueError("it returned NaN")) from error
 
 

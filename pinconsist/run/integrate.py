@@ -4,6 +4,7 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -112,7 +113,7 @@ def integrate(
             lam0 = stepper.index1.acceleration(t_span[0], p0, v0)[1]
             record.first(t_span[0], p0, v0, lam0)
             watch.restart(t_span[0], p0, v0, lam0)
-            march(stepper, t_span, p0, v0, method, record, watch, interrupted)
+            march(March(stepper, t_span, method, record, watch, interrupted), Start(p0, v0))
         except Stop as stop:
             status, message = stop.status, str(stop)
         except KeyboardInterrupt:
@@ -146,145 +147,194 @@ def _ending(error, t):
     return told
 
 
-def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=False, jumped=False):
-    """Integrate from (p, v); or continue (`resumes`) from the stepper's state, where forces may have `jumped`."""
-    (t, t_end), with_curve, known = t_span, record.needs_curve, None
-    passes = not watch.events and stepper.system.changes and stepper.passes_changes(with_curve)
-    pace, signs = Pace(method.control, t, record.nsteps), watch.signs
-    # Called with each step before the next one is made, if a user's function might change the next one.
-    sees = record.sees if record.output.each_step and not (stepper.ahead and not passes) else None
+class Start(NamedTuple):
+    """A state from which a run begins, perhaps again; `known` are acceleration and λ there; forces may have `jumped`."""
 
-    def more(until):
-        most, forces = _batch_size(stepper, method, record), [stepper.system] * passes
-        made = stepper.steps(until, most, with_curve, signs, sees, *forces)
-        left = (method.max_steps or np.inf) - record.nsteps
+    p: np.ndarray
+    v: np.ndarray
+    known: tuple | None = None
+    jumped: bool = False
+
+
+class Resumption(NamedTuple):
+    """The run goes on from the state that it has reached, where forces may have `jumped`."""
+
+    jumped: bool
+
+
+def march(run: "March", begin: Start | Resumption | None) -> None:
+    """Integrate to the end: from one start to the next, after events and where forces jump."""
+    while begin is not None:
+        begin = run.leg(begin)
+
+
+class March:
+    """A run of a stepper from `t_span[0]`: it asks for steps, and acts on the reason for which they end.
+
+    What was reached is in the record; :class:`Stop` ends a run early.
+    """
+
+    def __init__(self, stepper, t_span, method, record, watch, interrupted):
+        self.stepper, self.method, self.record, self.watch = stepper, method, record, watch
+        self.t, self.t_end = t_span
+        self._interrupted = interrupted
+        self._with_curve = record.needs_curve
+        self._pace = Pace(method.control, self.t, record.nsteps)
+        # Whether the engine goes on by itself where forces jump.
+        self._passes = bool(not watch.events and stepper.system.changes and stepper.passes_changes(self._with_curve))
+        # Called with each step before the next one is made, if a user's function might change the next one.
+        sees = record.output.each_step and not (stepper.ahead and not self._passes)
+        self._sees = record.sees if sees else None
+
+    def leg(self, begin):
+        """Steps until there is another start, which is returned; None at the end."""
+        if self.t == self.t_end:
+            return None
+        self._stop_if_interrupted()
+        stop = self.record.next_stop(self.t, self.t_end)  # where a step has to end
+        change = self.stepper.system.next_change(self.t, stop)
+        first, *self.stepper.unseen = self._begun(begin, change)
+        if begin.jumped:
+            self.record.jump(*first)
+            hit = self.watch.jumped(*first)
+            if hit is not None:
+                return self._after_events(*hit)
+        until = stop if self._passes else change
+        batch = self._started() if self.stepper.unseen else self._more(until)
+        while True:
+            hit = self._event_in(batch)
+            if hit is not None:
+                return self._after_events(*hit)
+            self._add(batch)
+            if batch.failure and not self._other_rows():
+                raise Stop(FAILED, failure_report(self.stepper, batch.failure))
+            if self.t == self.t_end == self.record.reached:
+                return None
+            self._stop_without_progress()
+            other_rows = bool(batch.failure) or (self._rows_are_due() and self._other_rows())
+            at_change = self.t == until or (other_rows and self._passes)
+            changed = self.stepper.system.change(self.t, *self._state()) if at_change else None
+            if other_rows or changed is not None or self.t == stop:
+                return self._after_change(bool(changed), other_rows)
+            if self.t == until:
+                until = self.stepper.system.next_change(self.t, stop)
+            self._stop_if_interrupted()
+            batch = self._more(until)
+
+    def _begun(self, begin, until):
+        if isinstance(begin, Resumption):
+            return self.stepper.resume(until)
+        return self.stepper.begin(self.t, begin.p, begin.v, until, begin.known)
+
+    def _state(self):
+        return self.stepper.p, self.stepper.v
+
+    def _more(self, until) -> StepBatch:
+        """More steps, at most as many as there may be before something has to be looked at."""
+        stepper, most, left = self.stepper, self.stepper.batch, self._steps_left()
+        if not stepper.system.dropped_are_zero:
+            most = min(most, stepper.rows_watched - self.record.nsteps % stepper.rows_watched)
+        forces = stepper.system if self._passes else None
+        made = stepper.steps(until, int(min(most, left)), self._with_curve, self.watch.signs, self._sees, forces)
         return made if len(made.t) <= left else made.first(left)  # a start makes several
 
-    while t != t_end:  # once, and again after every event that changes the state and where forces jump
-        _stop_if(interrupted)
-        stop = record.next_stop(t, t_end)
-        until = stepper.system.next_change(t, stop)
-        first, *stepper.unseen = stepper.resume(until) if resumes else stepper.begin(t, p, v, until, known)
-        if jumped:
-            record.jump(*first)
-            if (hit := watch.jumped(*first)) is not None:
-                p, v, known = _after_events(stepper, watch, record, *hit)
-                resumes = jumped = False
-                continue
-        resumes, jumped, known, until = False, False, None, stop if passes else until
-        batch = _started(stepper, method, record, with_curve) if stepper.unseen else more(until)
-        while True:
-            hit = _look(watch, stepper, batch, record) if signs and not batch.error else None
-            if hit is not None:
-                t, state = hit[1:3]
-                record.add(batch.cut(record.needs_curve, t, *state))
-                p, v, known = _after_events(stepper, watch, record, *hit)
-                break
-            record.add(batch)
-            if batch.error is not None:
-                raise batch.error
-            t = stepper.t
-            if batch.failure and not _choose_rows(stepper, record):
-                raise Stop(FAILED, failure_report(stepper, batch.failure))
-            if t == t_end == record.reached:
-                return
-            if method.max_steps is not None and record.nsteps >= method.max_steps:
-                raise Stop(FAILED, f"max_steps = {method.max_steps} used up at t = {record.reached:.6g} of {t_end:.6g}")
-            if pace.lost(record.nsteps, t, t_end, partial(jumping, stepper)):
-                raise Stop(FAILED, failure_report(stepper, FAILURES["chatters"]))
-            other_rows = batch.failure or (record.nsteps % stepper.rows_watched == 0 and _choose_rows(stepper, record))
-            if other_rows or t == until:
-                p, v = stepper.p, stepper.v
-                changed = stepper.system.change(t, p, v) if t == until or passes else None
-                if other_rows or changed is not None or t == stop:
-                    jumped, resumes = bool(changed), not other_rows
-                    if jumped and (pushed := _pushed(stepper, record, watch, t, p, v)) is not None:
-                        (p, v, known), jumped, resumes = pushed, False, False
-                    break
-                until = stop if passes else stepper.system.next_change(t, stop)
-            _stop_if(interrupted)
-            batch = more(until)
+    def _started(self) -> StepBatch:
+        """The batch of steps of a start."""
+        stepper = self.stepper
+        if self.method.max_steps is not None:
+            stepper.unseen = stepper.unseen[: self._steps_left()]
+        states = list(stepper.unseen)
+        curve = stepper.curve_of_start() if self._with_curve and states else None
+        return StepBatch.of(states, [0] * len(states), curve)
 
+    def _steps_left(self):
+        most = self.method.max_steps
+        return np.inf if most is None else most - self.record.nsteps
 
-def _pushed(stepper, record, watch, t, p, v):
-    """The state after a jump of the rates of constraints, with its acceleration and multipliers; None if none jumped.
+    def _event_in(self, batch):
+        """The first event in these steps that changes the run; the steps up to it are recorded. None if there is none."""
+        if not self.watch.signs or batch.error:
+            return None
+        try:
+            hit = self.watch.first(self.stepper)
+        except BaseException:  # of a user's function: the steps before are kept
+            self.record.add(batch.first(batch.before(self.watch.signs.end)))
+            raise
+        if hit is not None:
+            _, t, state, _ = hit
+            self.record.add(batch.cut(self._with_curve, t, *state))
+        return hit
 
-    The projection onto the new rates is the effect of an impulse along the constraints.
-    """
-    if not stepper.system.moving:
-        return None
-    phi = stepper.system.constraint(t, p, stepper.system.rate(t, p, v))[0]
-    if largest(phi) > CLOSED * (1.0 + largest(p)):
-        row = stepper.system.describe_row(int(np.argmax(np.abs(phi))))
-        raise PinconsistError(f"the run cannot continue at t = {t:.6g}: {row} jumps there, by {largest(phi):.3g}")
-    p, pushed = stepper.index1.projected(t, p, v)
-    if largest(pushed - v) <= STILL * (1.0 + largest(v)):
-        return None
-    known = stepper.index1.acceleration(t, p, pushed)
-    record.jump(t, p, pushed, known[1])
-    watch.restart(t, p, pushed, known[1])
-    return p, pushed, known
+    def _add(self, batch) -> None:
+        self.record.add(batch)
+        if batch.error is not None:
+            raise batch.error
+        self.t = self.stepper.t
 
+    def _rows_are_due(self) -> bool:
+        return self.record.nsteps % self.stepper.rows_watched == 0
 
-def _started(stepper, method, record, with_curve):
-    """The batch of steps of a start."""
-    if method.max_steps is not None:
-        stepper.unseen = stepper.unseen[: method.max_steps - record.nsteps]
-    states = list(stepper.unseen)
-    curve = stepper.curve_of_start() if with_curve and states else None
-    return StepBatch.of(states, [0] * len(states), curve)
+    def _other_rows(self) -> bool:
+        """Choose other constraint rows if the kept ones have become a poor choice; the run then restarts there."""
+        fresh = self.stepper.system.reselected(self.stepper.p)
+        if fresh is None:
+            return False
+        self.record.complete_multipliers()  # by the rows that were kept until here
+        self.stepper.change_system(fresh)
+        return True
 
+    def _stop_without_progress(self) -> None:
+        record, most = self.record, self.method.max_steps
+        if most is not None and record.nsteps >= most:
+            raise Stop(FAILED, f"max_steps = {most} used up at t = {record.reached:.6g} of {self.t_end:.6g}")
+        if self._pace.lost(record.nsteps, self.t, self.t_end, partial(jumping, self.stepper)):
+            raise Stop(FAILED, failure_report(self.stepper, FAILURES["chatters"]))
 
-def _look(watch, stepper, batch, record):
-    """The first event in these steps that changes the run; if a user's function fails, the steps before are kept."""
-    try:
-        return watch.first(stepper)
-    except BaseException:
-        record.add(batch.first(batch.before(watch.signs.end)))
-        raise
+    def _stop_if_interrupted(self) -> None:
+        if self._interrupted():
+            raise KeyboardInterrupt
 
+    def _after_change(self, jumped: bool, other_rows: bool) -> Start | Resumption:
+        """How the run goes on where forces may have `jumped`, or `other_rows` of the constraints were chosen.
 
-def _stop_if(interrupted):
-    if interrupted():
-        raise KeyboardInterrupt
+        Where rates of constraints jump, too, it starts from the velocities projected onto the new rates: the effect of
+        an impulse along the constraints.
+        """
+        stepper, system, t = self.stepper, self.stepper.system, self.t
+        p, v = self._state()
+        unpushed = Start(p, v, None, jumped) if other_rows else Resumption(jumped)
+        if not (jumped and system.moving):
+            return unpushed
+        phi = system.constraint(t, p, system.rate(t, p, v))[0]
+        if largest(phi) > CLOSED * (1.0 + largest(p)):
+            row = system.describe_row(int(np.argmax(np.abs(phi))))
+            raise PinconsistError(f"the run cannot continue at t = {t:.6g}: {row} jumps there, by {largest(phi):.3g}")
+        p, pushed = stepper.index1.projected(t, p, v)
+        if largest(pushed - v) <= STILL * (1.0 + largest(v)):
+            return unpushed
+        known = stepper.index1.acceleration(t, p, pushed)
+        self.record.jump(t, p, pushed, known[1])
+        self.watch.restart(t, p, pushed, known[1])
+        return Start(p, pushed, known)
 
-
-def _batch_size(stepper, method, record) -> int:
-    """How many steps may be made before the next check of their number and of the constraint rows."""
-    most = stepper.batch
-    if method.max_steps is not None:
-        most = min(most, method.max_steps - record.nsteps)
-    if stepper.system.dropped_are_zero:
-        return most
-    return min(most, stepper.rows_watched - record.nsteps % stepper.rows_watched)
-
-
-def _choose_rows(stepper, record) -> bool:
-    """Choose other constraint rows if the kept ones have become a poor choice; the run then restarts there."""
-    fresh = stepper.system.reselected(stepper.p)
-    if fresh is None:
-        return False
-    record.complete_multipliers()  # by the rows that were kept until here
-    stepper.change_system(fresh)
-    return True
-
-
-def _after_events(stepper, watch, record, fired, t, state, final):
-    """Position and velocity after events, and the acceleration and multipliers there; Stop if one ends the run."""
-    (p, v, _), events = state, [watch.events[i] for i in fired]
-    if final:
-        names = " and ".join(event.name or "without a name" for event in events if event.terminal)
-        raise Stop(STOPPED, f"stopped by the event {names} at t = {t:.6g}")
-    moved = False
-    for i, event in zip(fired, events, strict=True):
-        if event.apply is not None:
-            after = state_after(event, stepper.index1, t, p, v, record.forward)
-            watch.changed(i, stepper.system, t, (p, v), after)
-            p, v = after.p, after.v
-            moved |= after.moved
-    stepper.system.change(t, p, v)
-    known = stepper.index1.acceleration(t, p, v)
-    record.jump(t, p, v, known[1])
-    if why := watch.restart_after(fired, moved, stepper.system, t, p, v, known, record.forward):
-        raise Stop(FAILED, why)
-    return p, v, known
+    def _after_events(self, fired, t, state, final) -> Start:
+        """The start after events; Stop if one ends the run."""
+        stepper, record, watch = self.stepper, self.record, self.watch
+        (p, v, _), events = state, [watch.events[i] for i in fired]
+        self.t = t
+        if final:
+            names = " and ".join(event.name or "without a name" for event in events if event.terminal)
+            raise Stop(STOPPED, f"stopped by the event {names} at t = {t:.6g}")
+        moved = False
+        for i, event in zip(fired, events, strict=True):
+            if event.apply is not None:
+                after = state_after(event, stepper.index1, t, p, v, record.forward)
+                watch.changed(i, stepper.system, t, (p, v), after)
+                p, v = after.p, after.v
+                moved |= after.moved
+        stepper.system.change(t, p, v)
+        known = stepper.index1.acceleration(t, p, v)
+        record.jump(t, p, v, known[1])
+        if why := watch.restart_after(fired, moved, stepper.system, t, p, v, known, record.forward):
+            raise Stop(FAILED, why)
+        return Start(p, v, known)

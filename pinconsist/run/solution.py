@@ -268,7 +268,8 @@ class Solution(ByName):
     def series(self, quantity: str, mechanism=None) -> Series:
         """A quantity at the rows with its unit and the names of its parts, as :func:`pinconsist.plot` draws it.
 
-        `quantity` is as in :meth:`evaluate`, without a statistic. Raises InputError as there.
+        `quantity` is as in :meth:`evaluate`, without a statistic, `mechanism` as in :meth:`check`. Raises InputError as
+        there.
         """
         return Quantity.of(quantity, self._mechanism(mechanism, "series")).curve(self, mechanism)
 

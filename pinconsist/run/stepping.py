@@ -20,7 +20,7 @@ from ..mechanism.mechanism import with_added_forces
 from ..mechanism.rank import require_nonsingular
 from ..mechanism.system import MechanismSystem
 from .events import EventWatch, as_events
-from .integrate import march, trajectory_of
+from .integrate import March, Resumption, Start, march, trajectory_of
 from .options import Options, positive_time, without_backend
 from .output import STOPPED, SUCCESS, Output, Record, Stop
 from .solution import Solution
@@ -196,7 +196,8 @@ class Simulation:
             (t, q, v), jumped = self._place, False
         span, resumes, self._resumes = (t, t_end), self._resumes, False
         try:
-            march(self._stepper, span, q, v, self._method, self._record, self._watch, bool, resumes, jumped)
+            run = March(self._stepper, span, self._method, self._record, self._watch, bool)
+            march(run, Resumption(jumped) if resumes else Start(q, v))
             self._resumes = True
         except Stop as stop:
             self._message = str(stop)

@@ -35,7 +35,7 @@ def test_a_variant_changes_the_way_and_not_the_solution(variant, plain):
 
 
 def test_the_switches_act():
-    assert run(BY_NAME["iteration forecast off"]).nfev > 1.5 * run(PLAIN).nfev
+    assert run(BY_NAME["iteration forecast off"]).nfev > 1.3 * run(PLAIN).nfev
     assert run(BY_NAME["dense output"]).dense is not None and run(PLAIN).dense is None
 
 
@@ -55,7 +55,7 @@ def test_only_what_a_scene_leaves_out_is_done():
         mech = pc.load(scene)
         system = MechanismSystem(mech, pc.assemble(mech).q)
         concerned[scene] = {variant.name for variant in VARIANTS if variant.concerns(system)}
-    assert concerned["chain_32"] - concerned["four_bar"] == {"jacobian reuse off", "few constraints off"}
+    assert concerned["chain_32"] - concerned["four_bar"] == {"jacobian reuse off"}
     assert concerned["four_bar"] - concerned["chain_32"] == {"kept derivatives off"}
 
 

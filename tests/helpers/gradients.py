@@ -5,7 +5,7 @@ import numpy as np
 import pinconsist as pc
 from benchmarks import gradient_scenes
 
-from ... import scenes
+from . import scenes
 
 
 def of_benchmark(name, until):

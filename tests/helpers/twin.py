@@ -70,12 +70,12 @@ def compare_terms(mech, q, t=0.3, seed=0):
     projection = engine.required().Projection(twin)
     start_state = projected(system, t, q, v)
     assert projection.project(t, q, v)[2] == ""
-    for ours, theirs in zip(start_state[1:3], projection.project(t, q, v), strict=False):
+    for ours, theirs in zip((start_state.p, start_state.v), projection.project(t, q, v), strict=False):
         assert_same(ours, theirs, 1e-10)
     for ours, theirs in zip(acceleration(system, t, q, v), projection.acceleration(t, q, v)[:2], strict=True):
         assert_same(ours, theirs, 1e-10)
     compare_row_gradients(system, twin, t, q, v)
-    compare_multipliers(system, twin, t, *start_state[1:3])
+    compare_multipliers(system, twin, t, start_state.p, start_state.v)
 
 
 class Still(list):
