@@ -1,4 +1,4 @@
-"""What the constants of the method are worth: each is halved and doubled, ``python -m benchmarks ablate --constants``."""
+"""What the constants of the method are worth: each halved and doubled, ``python -m benchmarks ablate --constants``."""
 
 from __future__ import annotations
 

@@ -99,7 +99,7 @@ public:
       error = nb::borrow(raised.value());
       found = NOT_A_NUMBER;
     }
-    if (std::isnan(found)) events_[i].attr("raise_failure")(t, error);
+    if (std::isnan(found)) events_[i].attr("_raise_failure")(t, error);
     return i < offsets_.size() ? found - offsets_[i] : found;
   }
 

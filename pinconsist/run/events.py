@@ -71,7 +71,7 @@ class Event:
                 f"{self.terminal!r} and {self.direction!r}"
             )
 
-    def raise_failure(self, t, error) -> NoReturn:
+    def _raise_failure(self, t, error) -> NoReturn:
         """Raise what says that the function raised `error` at `t`, or returned NaN."""
         raise UserFunctionError(f"the event {self.name!r}", t, error or ValueError("it returned NaN")) from error
 

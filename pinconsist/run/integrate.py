@@ -148,7 +148,7 @@ def _ending(error, t):
 
 
 class Start(NamedTuple):
-    """A state from which a run begins, perhaps again; `known` are acceleration and λ there; forces may have `jumped`."""
+    """A state from which a run begins, perhaps again; `known`: acceleration and λ there; forces may have `jumped`."""
 
     p: np.ndarray
     v: np.ndarray
@@ -252,7 +252,7 @@ class March:
         return np.inf if most is None else most - self.record.nsteps
 
     def _event_in(self, batch):
-        """The first event in these steps that changes the run; the steps up to it are recorded. None if there is none."""
+        """The first event in these steps that changes the run, recorded up to it; None if there is none."""
         if not self.watch.signs or batch.error:
             return None
         try:
