@@ -160,7 +160,7 @@ def _loop(loop, mechanism, smaller, locked, state):
         if _body(smaller, loop.frame1) != _body(smaller, loop.frame2):
             return loop
     elif isinstance(loop, Coupling | Drive):
-        joints = [loop.joint, loop.other] if isinstance(loop, Coupling) else [loop.joint]
+        joints = loop.joints if isinstance(loop, Coupling) else [loop.joint]
         held, others = [each for each in joints if each in locked], [each for each in joints if each not in locked]
         if not held:
             return loop
