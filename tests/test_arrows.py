@@ -58,7 +58,20 @@ MAY_IMPORT = {
     | {"__init__", "files", "interrupts", "paper"},
 }
 DAE_SEEN_BY = {"certificate": {"norms"}, "mechanism": {"problem", "arguments"}, "cli": set()}
-OPTIONAL = {"meshcat", "matplotlib", "pandas", "casadi", "rich", "typer", "yaml", "defusedxml", "coal"}
+OPTIONAL = {
+    "mujoco",
+    "xacro",
+    "pxr",
+    "meshcat",
+    "matplotlib",
+    "pandas",
+    "casadi",
+    "rich",
+    "typer",
+    "yaml",
+    "defusedxml",
+    "coal",
+}
 TOP_LEVEL_ALLOWED = {  # parsers: catalogue.py and scene.py import these files only where they are used
     "formats/loopfile.py": {"yaml"},
     "formats/write.py": {"yaml"},

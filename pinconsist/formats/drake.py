@@ -160,7 +160,7 @@ _TYPES = {"planar": "", "ball": "SPHERICAL", "universal": "UJOINT_XY", "screw": 
 
 def joints_in_urdf(robot: Element) -> dict[str, str]:
     """Replace each ``<drake:joint>`` by a ``<joint>``; return the types that replace them in the model."""
-    types = {}
+    types: dict[str, str] = {}
     for element in robot.findall(DRAKE + "joint"):
         node = Node(element, f"drake:joint {element.get('name')!r}")
         kind = element.get("type", "")
@@ -178,5 +178,5 @@ def joints_in_urdf(robot: Element) -> dict[str, str]:
             replaced = _TYPES[kind]
             if kind == "screw":
                 replaced += f" {value(node, 'screw_thread_pitch') / (2.0 * math.pi)!r}"
-            types[element.get("name")] = replaced
+            types[element.get("name", "")] = replaced
     return types

@@ -260,8 +260,8 @@ class Coupling:
     @property
     def shares(self) -> tuple[dict[str, float], dict[str, float]]:
         """Joint → its share, of ``joint`` and of ``other``."""
-        given = self.joint, self.other
-        return tuple(dict(each) if isinstance(each, Mapping) else {each: 1.0} for each in given)
+        one, two = (dict(each) if isinstance(each, Mapping) else {each: 1.0} for each in (self.joint, self.other))
+        return one, two
 
     @property
     def joints(self) -> tuple[str, ...]:
