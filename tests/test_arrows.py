@@ -59,8 +59,6 @@ MAY_IMPORT = {
 }
 DAE_SEEN_BY = {"certificate": {"norms"}, "mechanism": {"problem", "arguments"}, "cli": set()}
 OPTIONAL = {
-    "mujoco",
-    "xacro",
     "pxr",
     "meshcat",
     "matplotlib",
