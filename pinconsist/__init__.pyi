@@ -32,6 +32,7 @@ from .mechanism.assembly import assemble as assemble
 from .mechanism.custom import Constraint as Constraint
 from .mechanism.energy import Energy as Energy
 from .mechanism.forces import Actuator as Actuator
+from .mechanism.forces import Bushing as Bushing
 from .mechanism.forces import HeldTorque as HeldTorque
 from .mechanism.forces import JointDamping as JointDamping
 from .mechanism.forces import JointFriction as JointFriction

@@ -28,7 +28,18 @@ MAY_IMPORT = {
     "cli": {"__init__", "paper", "run", "view", "formats", "mechanism", "files", "errors"},
 }
 ENGINE_SEEN_BY = {"mechanism": {"problem", "arguments"}}
-OPTIONAL = {"meshcat", "matplotlib", "pandas", "casadi", "rich", "typer", "yaml", "defusedxml", "coal"}
+OPTIONAL = {
+    "pxr",
+    "meshcat",
+    "matplotlib",
+    "pandas",
+    "casadi",
+    "rich",
+    "typer",
+    "yaml",
+    "defusedxml",
+    "coal",
+}
 TOP_LEVEL_ALLOWED = {  # parsers: catalogue.py and scene.py import these files only where they are used
     "formats/loopfile.py": {"yaml"},
     "formats/write.py": {"yaml"},

@@ -74,7 +74,9 @@ def test_wrench_has_the_power_of_its_force_and_moment(axes):
         assert tau @ v == pytest.approx((R @ f) @ speed + (R @ m) @ spin, abs=1e-6)
 
 
-@pytest.mark.parametrize("name", ["hinge spring", "spring of an unbounded hinge", "spring", "spring to the ground"])
+@pytest.mark.parametrize(
+    "name", ["hinge spring", "spring of an unbounded hinge", "spring", "spring to the ground", "bushing"]
+)
 def test_springs_are_the_gradient_of_what_they_store(name):
     model, rng = mixed_tree(), np.random.default_rng(3)
     spring = bound(model, FORCES[name])
@@ -540,3 +542,32 @@ def test_a_gradient_may_be_lists():
     plain = pc.Torque(lambda t, q, v: -0.1 * v, lambda t, q, v: (None, -0.1 * np.eye(3)))
     one, other = (pc.simulate(pc.load("four_bar"), (0.0, 0.1), forces=[force]) for force in (law, plain))
     np.testing.assert_array_equal(one.q, other.q)
+
+
+def test_a_bushing_is_that_of_drake_in_closed_form():
+    """Turned about one axis, by angles of half a turn: the force acts in the axes halfway between the frames."""
+    model = pin.Model()
+    slide = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slide")
+    turn = model.addJoint(slide, pin.JointModelRZ(), pin.SE3.Identity(), "turn")
+    model.addFrame(pin.Frame("end", turn, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    x, angle, k = 0.7, 1.2, (11.0, 5.0, 3.0, 2.0, 7.0, 13.0)
+    force = bound(model, pc.Bushing("universe", "end", k))
+    along, across = x * np.cos(angle / 2), -x * np.sin(angle / 2)  # in the axes halfway
+    energy, _ = force.stored(np.array([x, angle]), np.zeros(2))
+    assert energy == pytest.approx(0.5 * (k[0] * along**2 + k[1] * across**2 + k[5] * angle**2))
+    tau = force.torque(0.0, np.array([x, angle]), np.zeros(2))
+    assert tau[0] == pytest.approx(-(k[0] * np.cos(angle / 2) ** 2 + k[1] * np.sin(angle / 2) ** 2) * x)
+    assert tau[1] == pytest.approx(-k[5] * angle + 0.5 * (k[0] - k[1]) * x**2 * np.sin(angle / 2) * np.cos(angle / 2))
+
+
+@pytest.mark.parametrize(
+    ("fields", "told"),
+    [
+        ({"stiffness": (1, 2, 3)}, "needs six numbers"),
+        ({"damping": (-1,) * 6}, "damping"),
+        ({"frame2": "arm"}, "itself"),
+    ],
+)
+def test_bushings_that_cannot_be(fields, told):
+    with pytest.raises(pc.InputError, match=told):
+        bound(mixed_tree(), pc.Bushing("arm", **fields))

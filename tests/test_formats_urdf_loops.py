@@ -160,13 +160,13 @@ def test_loop_joints_and_a_loop_file_add_up(robot):
 
 
 BAD_LOOP_JOINTS = {
-    "type": (loop_joint('type="hinge"'), "loop_joint 'tip': type 'hinge' is not one of fixed, revolute"),
+    "type": (loop_joint('type="gears"'), "loop_joint 'tip': type 'gears' is not one of fixed, revolute"),
     "floating": (loop_joint('type="floating"'), "type 'floating' is not one of"),
     "no name": (loop_joint().replace('name="tip"', ""), "loop_joint number 1: it has no name"),
     "twice": (loop_joint() * 2, "loop_joint 'tip': two loop_joints have this name"),
     "no link2": (loop_joint(inside='<link1 link="a"/>'), "loop_joint 'tip': <link2> is missing"),
     "link": (loop_joint(inside=ENDS.replace('"c"', '"cc"')), "'tip': link2: there is no link 'cc'; similar: c"),
-    "no attribute": (loop_joint(inside="<link1/>" + ENDS), "'tip': link1: there is no link ''"),
+    "no attribute": (loop_joint(inside="<link1/>" + ENDS), "'tip': <link1> is missing, or has no name"),
     "itself": (loop_joint(inside=ENDS.replace('"c"', '"a"')), "both ends are on the link 'a'"),
     "number": (loop_joint(inside=ENDS.replace("4 5 6", "4 5")), "'tip': link2: xyz='4 5' is not 3 finite numbers"),
     "axis": (loop_joint(inside=ENDS + '<axis xyz="0 0 0"/>'), "'tip': the axis is the zero vector"),
@@ -193,16 +193,13 @@ def test_what_does_not_act_on_a_loop_joint_is_told(robot, recwarn):
 
 DRAKE = ' xmlns:drake="http://drake.mit.edu"'
 FOREIGN = {  # tag in messages → what is written, and what declares its prefix
-    "loop": ('<loop name="l"/>', ""),
-    "constraint": ('<constraint name="l"/>', ""),
     "equality": ('<equality name="l"><connect body1="a" body2="c"/></equality>', ""),
-    "mujoco/equality": ("<mujoco><compiler/><equality><connect/></equality></mujoco>", ""),
-    "gazebo/joint": ('<gazebo><joint name="l"><parent>a</parent><child>c</child></joint></gazebo>', ""),
+    "mujoco/equality": ("<mujoco><compiler/><equality><flex/></equality></mujoco>", ""),
+    "gazebo/link": ('<gazebo><link name="l"/></gazebo>', ""),
     "loopjoint": ('<loopjoint name="l"><link1 link="a"/><link2 link="c"/></loopjoint>', ""),
     "Loop_Joint": ('<Loop_Joint name="l"/>', ""),
     "lop_joint": ('<lop_joint name="l"/>', ""),
-    "drake:ball_constraint": ('<drake:ball_constraint name="l"/>', DRAKE),
-    "drake:linear_bushing_rpy": ("<drake:linear_bushing_rpy/>", DRAKE),
+    "drake:other_constraint": ('<drake:other_constraint name="l"/>', DRAKE),
     "drake:coupler_constraint": ("<drake:coupler_constraint/>", ""),  # as Drake reads it, too
 }
 
@@ -239,7 +236,6 @@ def test_what_closes_no_loop_is_left_out_with_a_line_that_counts_what_is_unknown
     (line,) = told(recwarn).splitlines()
     assert line.partition("without effect here: ")[2] == ", ".join(mech.ignored)
     unknown = (
-        "<drake:collision_filter_group>",
         "<drake:rotor_inertia>",
         "<disable_collisions>",
         "<virtual_joint>",

@@ -150,9 +150,6 @@ def test_anchors_in_millimetres_are_told(recwarn):
     ("file", "content", "advice"),
     [
         ("closures.yaml", "loops:\n- {name: p, kind: point, frame1: a, frame2: c}\n", 'pass it as loops="'),
-        ("loop_closures.yaml", "pin_loops:\n- {name: p}\n", "its key pin_loops is not known here"),
-        ("../loop_closures.yaml", "ball_loops:\n- {name: p}\n", "its key ball_loops is not known here"),
-        ("robot_data.yaml", "closing_joints:\n- {name: p}\n", "its key closing_joints is not known here"),
         ("robot_data.yaml", "closing_joints: []\n", ""),
         ("controllers.yaml", "gains: {p: 1}\n", ""),
         ("other.yaml", "loops: []\n", ""),

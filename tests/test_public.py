@@ -132,6 +132,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
         "load": "file",
     },
     "SpringDamper": {"label": None, "bind": "model"},
+    "Bushing": {"label": None, "bind": "model"},
     "Torque": {"label": None, "torque": "t q v", "derivatives": "t q v"},
     "Wrench": {"label": None, "bind": "model"},
 }

@@ -211,7 +211,11 @@ class Symbols:
             return self.beyond(loop.joint, loop.curve(0.0))
         if isinstance(loop, Coupling):
             powers = enumerate((loop.offset, loop.ratio, *loop.higher))
-            return self.beyond(loop.joint, sum(factor * self.beyond(loop.other) ** k for k, factor in powers))
+            other = sum(share * self.beyond(joint) for joint, share in loop.shares[1].items())
+            law = sum(factor * other**k for k, factor in powers)
+            if isinstance(loop.joint, str):
+                return self.beyond(loop.joint, law)
+            return sum(share * self.beyond(joint) for joint, share in loop.joint.items()) - law
         if not isinstance(loop, Loop):
             raise InputError(f"{self.mechanism.name}: {loop.name!r} is a Python function and cannot be converted to C")
         one, two = self._seen((closure.joint1, closure.place1), (closure.joint2, closure.place2))

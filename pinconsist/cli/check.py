@@ -212,7 +212,7 @@ def _ends(loop):
     if loop.kind == "drive":
         return loop.joint, "along a curve"
     if loop.kind == "coupling":
-        return loop.joint, loop.other
+        return loop.joints
     return ("a function", "") if loop.kind == "constraint" else (loop.frame1, loop.frame2)
 
 

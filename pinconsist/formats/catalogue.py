@@ -18,8 +18,14 @@ from ..mechanism.loops import GROUND, Loop
 from .loopfile import LoopFile, find_loop_file
 from .loopfile import read as read_loop_file
 
-READERS = {".urdf": "urdf", ".sdf": "sdf", ".xml": "mjcf", ".mjcf": "mjcf"}
+READERS = {".urdf": "urdf", ".sdf": "sdf", ".world": "sdf", ".xml": "mjcf", ".mjcf": "mjcf", ".xacro": "xacro"}
+READERS |= dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), "usd") | {".wbt": "webots", ".proto": "webots"}
 """Suffix → the module whose ``read`` reads such files; imported when needed."""
+ROOTS = {"robot": "urdf", "sdf": "sdf", "gazebo": "sdf", "mujoco": "mjcf"}
+"""Root element → the reader of an XML file, whatever its suffix is."""
+_XML = ("urdf", "sdf", "mjcf")
+_HEAD = 100_000  # bytes of a file in which its root element is searched for
+_ROOT = re.compile(rb"(?s)<!--.*?-->|<\?.*?\?>|<!.*?>|<([A-Za-z_][\w.:-]*)([^>]*)")
 ROBOTS = ("cassie", "cassie_reduced", "cassie_simple", "cassie_v2", "cassie_wo_gearbox_spring")
 """Files of the pip package example-robot-data."""
 _PACKAGE, _SHARE = "example-robot-data", "cmeel.prefix/share"
@@ -39,6 +45,25 @@ class Source(NamedTuple):
     content: bytes | None = None
     loop_file: LoopFile = LoopFile()
     package_dirs: tuple = ()
+
+
+def reader_of(path: Path, content: bytes | None = None) -> str:
+    """The module that reads a file: by its suffix, or for XML by its root element."""
+    reader = READERS[path.suffix.lower()]
+    if reader not in _XML:
+        return reader
+    head = content
+    if head is None:
+        try:
+            with path.open("rb") as file:
+                head = file.read(_HEAD)
+        except (OSError, ValueError):  # the reader tells it
+            return reader
+    root = next((match for match in _ROOT.finditer(head[:_HEAD]) if match[1]), None)
+    found = ROOTS.get(root[1].decode(), reader) if root else reader
+    if found in ("urdf", "sdf") and content is None and re.search(rb"<xacro:|\$\((find|arg|eval) ", head):
+        return "xacro"
+    return found
 
 
 def models() -> dict[str, str]:
@@ -78,11 +103,7 @@ def find(source: str | os.PathLike) -> Source:
         if source in built_in:
             return Source(built_in[source], source)
     if os.path.isdir(path):
-        found = sorted(path.glob("*.urdf"))
-        if len(found) != 1:
-            names = ": " + ", ".join(each.name for each in found) if found else ""
-            raise FormatError(f"the folder must contain one .urdf file, it has {len(found)}{names}", path=path)
-        path = found[0]
+        path = _in_folder(path)
     elif path.suffix.lower() not in READERS:
         if isinstance(source, str) and not path.suffix and len(path.parts) == 1 and not os.path.exists(path):
             names = (*built_in, *(f"{name}_<n>" for name in FAMILIES))
@@ -90,16 +111,33 @@ def find(source: str | os.PathLike) -> Source:
             alike = f"; there is {meant[0]}" if meant else near(source, (*names, *ROBOTS))
             reason = f"there is neither a built-in model nor a file {source!r}{alike}"
             raise InputError(f"{reason}. Built-in models: {', '.join(names)}")
-        supported = "URDF (.urdf, with a loop file .yaml next to it or passed as loops=), SDF (.sdf) and MJCF (.xml)"
+        supported = (
+            "URDF (.urdf, with a loop file .yaml next to it or passed as loops=), SDF (.sdf, .world), MJCF (.xml), "
+            "xacro (.xacro), USD (.usd, .usda, .usdc, .usdz) and Webots (.wbt)"
+        )
         kind = path.suffix or "without suffix"
-        if kind in (".html", ".npz"):
+        if kind in (".html", ".npz", ".erb"):
             supported += {
                 ".html": "; a page is opened in a browser, and the run in it is kept by --out run.npz (sol.save)",
+                ".erb": "; this is a program that writes a file: run it, erb FILE > robot.sdf",
                 ".npz": "; this is a saved run, not a scene: plot and replay read it, and Solution.load",
             }[kind]
         raise FormatError(f"files of type {kind!r} cannot be read; supported are {supported}", path=path)
-    name = path.stem if path.stem not in ("robot", "model") else path.resolve().parent.name
+    name = path.stem.removesuffix(".urdf").removesuffix(".sdf")
+    if name in ("robot", "model"):
+        name = path.resolve().parent.name
     return Source(path, CONTROLS.sub("?", name))
+
+
+def _in_folder(folder: Path) -> Path:
+    """The file of a robot's folder: its only .urdf, in the folder or in ``urdf/``, else its ``model.sdf``."""
+    found = sorted(folder.glob("*.urdf")) or sorted(folder.glob("urdf/*.urdf"))
+    if not found and (folder / "model.sdf").is_file():
+        found = [folder / "model.sdf"]
+    if len(found) != 1:
+        names = ": " + ", ".join(each.name for each in found) if found else ""
+        raise FormatError(f"the folder must contain one .urdf file, it has {len(found)}{names}", path=folder)
+    return found[0]
 
 
 def robot_file(name: str) -> tuple[Path, Path]:

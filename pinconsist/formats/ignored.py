@@ -35,8 +35,9 @@ class Ignored:
         """Count the elements whose tags are not in `known`."""
         for element in elements:
             space, _, tag = str(element.tag).rpartition("}")
-            if tag not in known and element.tag not in known:
-                prefix = "drake:" if "drake" in space else ""
+            prefix = "drake:" if "drake" in space else ""
+            foreign = space and not prefix
+            if foreign or not {tag, f"{prefix}{tag}", element.tag} & set(known):
                 self.add(f"<{prefix}{tag}>{f' of {where}' if where else ''}")
 
     def add_plugin(self, plugin: Element) -> None:

@@ -1,6 +1,7 @@
 """Files, names and Pinocchio's own objects → Mechanism."""
 
 import os
+from collections.abc import Mapping
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -14,6 +15,7 @@ from ..mechanism.loops import GROUND, Loop, anchor
 from ..mechanism.mechanism import Geometry, Mechanism
 from ..mechanism.names import is_revolute
 from . import catalogue, loopfile
+from .closures import closed
 from .plausible import warn_of_degrees, warn_of_inertias, warn_of_units
 from .reading import located
 
@@ -27,17 +29,21 @@ _THEIR_KINDS = {
 _MUST_VANISH = ("offset", "velocity", "acceleration")  # desired values of a constraint or a contact
 
 
-def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=(), ignore=(), precision=0.0) -> Mechanism:
+def load(
+    source, *, loops=None, closure=None, free_flyer=False, package_dirs=(), ignore=(), precision=0.0, args=None
+) -> Mechanism:
     """A mechanism from the name of a built-in model, a file, a folder or a Pinocchio object.
 
     Parameters
     ----------
     source : str, path-like, pin.Model or RobotWrapper
-        A name of :func:`models`, with a number for ``<n>``; or a ``.urdf``, ``.sdf`` or MJCF ``.xml`` file; or a folder
-        that holds one ``.urdf``; or a model in memory; or a robot of the pip package example-robot-data: ``"cassie"``,
-        ``"cassie_v2"``, ``"cassie_reduced"``, ``"cassie_simple"``, ``"cassie_wo_gearbox_spring"``.
+        A name of :func:`models`, with a number for ``<n>``; or a file: URDF, SDF (``.sdf``, ``.world``), MJCF
+        (``.xml``), xacro, USD, Webots (``.wbt``); or a folder that holds one ``.urdf``; or a model in memory; or a
+        robot of the pip package example-robot-data: ``"cassie"``, ``"cassie_v2"``, ``"cassie_reduced"``,
+        ``"cassie_simple"``, ``"cassie_wo_gearbox_spring"``.
     loops : path-like or sequence, optional
         The loop file. Default: ``<stem>.yaml`` or ``.yml`` beside the URDF, else ``robot.yaml`` or ``.yml`` there, else
+        ``loop_closures.yaml`` or ``robot_data.yaml`` there or in the folder above ``urdf/``, else
         the loops of the URDF itself: ``<loop_joint>`` elements, or pairs of frames with closing names
         (:mod:`pinconsist.formats.urdf_loops`), else none (a plain tree). SDF and MJCF files define their own loops
         (:mod:`pinconsist.formats.sdf`, :mod:`pinconsist.formats.mjcf`); no loop file is searched for.
@@ -53,6 +59,8 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=(),
     ignore : sequence of str
         Elements of a URDF or SDF file that close loops in another program and are not supported here, by tag or name:
         ``"drake:ball_constraint"``, ``"gazebo/joint"``. The file is loaded without them instead of being refused.
+    args : mapping, optional
+        Arguments of a xacro file: name → value.
     precision : float
         Error of the numbers of the source, m and rad: 1e-6 for a file that was written with six digits. Loops that
         lock or contradict each other because of smaller errors are made to agree, see :meth:`Mechanism.corrected`.
@@ -91,15 +99,20 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=(),
     if not (loops is None or isinstance(loops, (str, os.PathLike))):
         reason = f"loops= needs the path of a loop file, got {type(loops).__name__}"
         raise InputError(f"{reason}; add records by load(…).add_loops(…)")
-    return read_scene(catalogue.find(source), loops, closure, free_flyer, package_dirs, ignore).corrected(precision)
+    if args is not None and not isinstance(args, Mapping):
+        raise InputError(f"args= needs a mapping of names to values, got {args!r}")
+    options = {"free_flyer": free_flyer, "package_dirs": package_dirs, "ignore": ignore, "args": args}
+    return read_scene(catalogue.find(source), loops, closure, **options).corrected(precision)
 
 
 def read_scene(
-    scene: catalogue.Source, loops=None, closure=None, free_flyer=False, package_dirs=(), ignore=()
+    scene: catalogue.Source, loops=None, closure=None, *, free_flyer=False, package_dirs=(), ignore=(), args=None
 ) -> Mechanism:
     """The mechanism of a file and of the loop file that belongs to it; see :func:`load`."""
-    path, reader = scene.path, catalogue.READERS[scene.path.suffix.lower()]
-    is_urdf = reader == "urdf"
+    path, reader = scene.path, catalogue.reader_of(scene.path, scene.content)
+    is_urdf = reader in ("urdf", "xacro")
+    if args and reader != "xacro":
+        raise InputError(f"args= is for xacro files, and {path.name} is not one")
     if free_flyer and reader == "mjcf":
         raise InputError("free_flyer= is not for MJCF files, which define what floats: give the body a <freejoint/>")
     if ignore and reader == "mjcf":
@@ -107,11 +120,17 @@ def read_scene(
     loop_path = None if loops is None else Path(loops)
     if loops is None and is_urdf and not scene.content:
         loop_path = loopfile.find_loop_file(path)
+        if loop_path is not None and loop_path.stem in loopfile.LISTS:
+            warn(f"{path}: its loops are taken from {loop_path}; loops= is for another file")
     record = scene.loop_file if loop_path is None else loopfile.read(loop_path)
     if record.joint_types and not is_urdf:
         reason = f"joints can be replaced only in URDF scenes; change the {reader.upper()} file"
         raise FormatError(reason, path=loops)
-    options = {"joint_types": record.joint_types, "content": scene.content} if is_urdf else {}
+    options = {"joint_types": record.joint_types} if is_urdf else {}
+    if reader == "urdf":
+        options["content"] = scene.content
+    if reader == "xacro":
+        options["args"] = args
     if reader != "mjcf":
         options |= {"free_flyer": free_flyer, "ignore": ignore}
     with located(path):
@@ -121,7 +140,7 @@ def read_scene(
         model = record.applied(robot.model)
         model = loopfile.with_distinct_frames((*robot.loops, *record.loops, *record.forces), model)
         record.check(model)
-    closures = (*robot.loops, *record.loops)
+    closures = closed(model, (*robot.loops, *record.loops))
     if is_urdf and loop_path is None and not closures:
         from .urdf_loops import closing_frames
 
@@ -131,8 +150,9 @@ def read_scene(
     warn_of_units(path, model)
     warn_of_degrees(loop_path, _angles(record, model))
     closures = _closed_by(closures, closure)
-    if robot.ignored:
-        warn(f"{path}: without effect here: {', '.join(robot.ignored)}")
+    ignored = (*robot.ignored, *record.ignored)
+    if ignored:
+        warn(f"{path}: without effect here: {', '.join(ignored)}")
     with located(loop_path or path):
         return Mechanism(
             model,
@@ -143,7 +163,7 @@ def read_scene(
             actuated=tuple(dict.fromkeys((*robot.actuated, *record.actuated))),
             geometry=Geometry(robot.shapes, tuple(str(Path(folder).resolve()) for folder in folders)),
             duration=record.duration,
-            ignored=robot.ignored,
+            ignored=ignored,
         )
 
 

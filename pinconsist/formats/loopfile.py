@@ -1,11 +1,11 @@
-"""Loop files: YAML files with the loops of a tree, in two conventions.
+"""Loop files: YAML files with the loops of a tree, in several conventions.
 
 The project's own convention has ``loops`` and ``forces``, which are lists of records
 (:mod:`pinconsist.formats.records`), ``description``, ``guess``, ``actuated`` (the motorised joints; ``name_mot`` is
 accepted, too), ``duration`` (how long commands simulate by default, s; 5 if it is missing), and ``joints``,
 ``gravity`` and ``joint_order`` (:mod:`pinconsist.formats.joints`). The other convention is the ``robot.yaml`` of the
 example-parallel-robots collection: ``closed_loop`` (pairs of frames), ``type`` (3d or 6d), ``name_mot``,
-``joint_name`` and ``joint_type``.
+``joint_name`` and ``joint_type``. The lists of loops of other exporters are read by :mod:`.loop_lists`.
 """
 
 import os
@@ -22,6 +22,8 @@ from ..mechanism.joint_constraints import Coupling, Drive
 from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.rows import LoopRows
+from . import loop_lists
+from .closures import closed
 from .joints import check_type, in_order, joint_settings, new_names, with_values
 from .reading import finite, located, near, read_bytes, require_known, short_repr
 from .records import amount, force_element, force_record, items, known_keys, loop_element, loop_record, name, numbers
@@ -30,9 +32,9 @@ MAX_BYTES = 1_000_000
 MAX_VALUE = 10_000  # characters: the time to parse 1:1:1:..., a number in base 60, grows with their square
 _OWN_KEYS = ("description", "loops", "forces", "guess", "actuated", "duration", "joints", "gravity", "joint_order")
 _ROBOT_KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
-_FOREIGN = ("ball_loops", "pin_loops", "closing_joints")
-"""Keys of files in which exporters list loops."""
-_LOOP_KEY = re.compile(rf"(?m)^(loops|forces|closed_loop|(?:{'|'.join(_FOREIGN)})(?!\s*:\s*\[\]))\s*:".encode())
+_KEY = rf"(?:^|[{{,]\s*)[\"']?(loops|forces|closed_loop|(?:{'|'.join(loop_lists.KEYS)})(?![\"']?\s*:\s*\[\]))[\"']?\s*:"
+_LOOP_KEY = re.compile(_KEY.encode(), re.MULTILINE)
+LISTS = ("loop_closures", "robot_data")  # names of files in which exporters list loops
 _SUBFOLDERS = ("urdf", "sdf", "xml", "mjcf")  # of a robot's folder, with the files of its tree
 _ROBOTS = (".urdf", ".sdf", ".xml", ".mjcf")
 _KINDS = {"3d": "point", "6d": "frame"}
@@ -52,6 +54,7 @@ class LoopFile:
     joint_order: tuple[str, ...] = ()  # all joints, or none
     description: str = ""  # one line for lists of models
     duration: float = Mechanism.duration  # simulated by default, s
+    ignored: tuple[str, ...] = ()  # what has no effect, counted
 
     def applied(self, model: pin.Model) -> pin.Model:
         """The model with this file's joint order, joint values and gravity; may modify and return `model` itself."""
@@ -62,7 +65,7 @@ class LoopFile:
 
     def check(self, model) -> None:
         """Raise FormatError for frames and joints that the model lacks, or that do not fit their record."""
-        for number, loop in enumerate(self.loops, start=1):
+        for number, loop in enumerate(closed(model, self.loops), start=1):
             prefix = f"{'loop' if isinstance(loop, Loop) else loop.kind} {loop.name!r}: "
             with located(element=loop_element(number, loop.name), prefix=prefix):
                 LoopRows(model, [loop])
@@ -75,10 +78,21 @@ class LoopFile:
 
 
 def find_loop_file(path: Path) -> Path | None:
-    """``<stem>.yaml`` or ``.yml`` next to a file, else ``robot.yaml`` or ``.yml`` there, else None."""
-    stems = (path, path.with_name("robot.urdf"))
+    """``<stem>.yaml`` or ``.yml`` next to a file, else ``robot.yaml`` or ``.yml`` there, else None.
+
+    Else ``loop_closures.yaml`` or ``robot_data.yaml`` with loops, there, in the folder above that of the URDF, or in
+    the folder ``config`` of one of these.
+    """
+    plain = path.with_name(path.name.removesuffix(".xacro")) if path.suffix == ".xacro" else path
+    stems = (plain, path.with_name("robot.urdf"))
     candidates = (stem.with_suffix(suffix) for stem in stems for suffix in (".yaml", ".yml"))
-    return next((each for each in candidates if os.path.isfile(each)), None)
+    found = next((each for each in candidates if os.path.isfile(each)), None)
+    if found is not None:
+        return found
+    above = (path.parent.parent,) if path.parent.name in _SUBFOLDERS else ()
+    folders = [inner for folder in (path.parent, *above) for inner in (folder, folder / "config")]
+    lists = (folder / f"{name}{suffix}" for folder in folders for name in LISTS for suffix in (".yaml", ".yml"))
+    return next((each for each in lists if os.path.isfile(each) and _describes_loops(each) in loop_lists.KEYS), None)
 
 
 def warn_of_other_files(path: Path) -> None:
@@ -93,10 +107,7 @@ def warn_of_other_files(path: Path) -> None:
         others = file.stem != path.stem and any(file.with_suffix(suffix).exists() for suffix in _ROBOTS)
         if not key or others:
             continue
-        if key in _FOREIGN:
-            advice = f"its key {key} is not known here: write the loops as records, loops: [{{name: …, kind: …}}]"
-        else:
-            advice = f'if it belongs to the robot, pass it as loops="{file}"'
+        advice = f'if it belongs to the robot, pass it as loops="{file}"'
         warn(f"{path}: {file.name} beside it describes loops and is not read; {advice}")
 
 
@@ -138,6 +149,8 @@ def read(path) -> LoopFile:
         record = _parsed(content)
         if not isinstance(record, dict) or not all(isinstance(key, str) for key in record):
             raise FormatError(f"this is not a loop file, which has keys such as {', '.join(_OWN_KEYS)}")
+        if set(record) & set(loop_lists.KEYS) and not set(record) & {"loops", "closed_loop"}:
+            return _listed(record, path)
         theirs = set(record) & set(_ROBOT_KEYS)
         own = theirs <= {"name_mot"} and set(record) & set(_OWN_KEYS)
         return _own(record) if own or not theirs else _robot(record, path)
@@ -229,6 +242,15 @@ def _robot(record, path):
     joint_types = {joint: check_type(kind) for joint, kind in zip(joints, types, strict=True)}
     actuated = [new for motor in _names(record, "name_mot") for new in new_names(motor, joint_types.get(motor, ""))]
     return LoopFile(tuple(loops), actuated=tuple(actuated), joint_types=joint_types)
+
+
+def _listed(record, path):
+    """The content of a list of loops of an exporter; robot_data.yaml has much that says nothing about loops."""
+    if "closing_joints" not in record:
+        for key in set(record) - set(loop_lists.LOOP_CLOSURES):
+            warn(f"{path}: the key {key!r} is not known and has no effect{near(key, loop_lists.LOOP_CLOSURES)}")
+    loops, actuated, types, ignored = loop_lists.read(record)
+    return LoopFile(loops, actuated=actuated, joint_types=types, ignored=ignored)
 
 
 def _pair_name(frame1, frame2, taken):

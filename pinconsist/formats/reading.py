@@ -79,9 +79,15 @@ def read_bytes(path: Path, limit: int = MAX_XML_BYTES) -> bytes:
         raise FormatError(f"cannot be read: {error}", path=path) from error
     if len(content) > limit:
         raise FormatError(f"more than {limit // 1_000_000} MB, which is too large for a file of this kind", path=path)
-    if (noted := _read.get()) is not None:
-        noted.append((path.absolute(), hashlib.sha256(content).hexdigest()))
+    note_read(path, hashlib.sha256(content).hexdigest())
     return content
+
+
+def note_read(path: Path, digest: str) -> None:
+    """Add a file to those of :func:`files_read`."""
+    noted = _read.get()
+    if noted is not None:
+        noted.append((path.absolute(), digest))
 
 
 def near(name: object, names) -> str:
@@ -166,6 +172,12 @@ def _with_prefixes_bound(content: bytes) -> bytes:
     return content[: root.end()] + names + content[root.end() :]
 
 
+def shown(tag: str) -> str:
+    """A tag in messages: without its namespace, unless that is Drake's."""
+    space, _, short = tag.rpartition("}")
+    return f"drake:{short}" if "drake" in space else short
+
+
 def text(*values: float) -> str:
     """Numbers as an XML attribute, without loss of digits."""
     # other parsers fail on subnormal numbers, which mean zero here
@@ -229,6 +241,7 @@ class Node:
         return self.numbers(key, 1, None if default is None else (default,), largest)[0]
 
     def _inside(self, xml, tag):
+        tag = shown(tag)
         return type(self)(xml, f"{self.name}: {tag}" if self.name else tag)
 
 
@@ -257,13 +270,10 @@ def closing(elements: Iterable[Element], known: Iterable[str]) -> list[tuple[str
     return found
 
 
-def refuse(found: Iterable[tuple[str, Element]], ignore, root: Element, content, advice: str) -> None:
-    """Raise FormatError for the first (tag, element) of `found` whose tag and name are not in `ignore`."""
+def refuse(found: Iterable[tuple[str, Element]], root: Element, content, advice: str) -> None:
+    """Raise FormatError for the first (tag, element) of `found`."""
     for tag, element in found:
         name = element.get("name", "")
-        if {tag, tag.rpartition(":")[2], tag.rpartition("/")[2], name} & set(ignore):
-            _log.info("<%s> %s: left out because of ignore=", tag, name)
-            continue
         raise FormatError(
             f"the extension <{tag}> is not supported, and without it this would be another machine: it closes a loop "
             f"or joins bodies; {advice}. "
@@ -272,8 +282,21 @@ def refuse(found: Iterable[tuple[str, Element]], ignore, root: Element, content,
         )
 
 
+def log_left_out(tag: str, name: str) -> None:
+    _log.info("<%s> %s: left out because of ignore=", tag, name)
+
+
 def _line(content, root: Element, element: Element) -> int:
+    """The line of an element, found by its number among those of its tag and name."""
+    wanted = str(element.tag).rpartition("}")[2], element.get("name")
+    alike = [each for each in root.iter() if (str(each.tag).rpartition("}")[2], each.get("name")) == wanted]
     lines, parser = [], expat.ParserCreate()
-    parser.StartElementHandler = lambda *_: lines.append(parser.CurrentLineNumber)
+
+    def start(tag, attributes):
+        if (tag.rpartition(":")[2], attributes.get("name")) == wanted:
+            lines.append(parser.CurrentLineNumber)
+
+    parser.StartElementHandler = start
     parser.Parse(content, True)
-    return lines[next(i for i, each in enumerate(root.iter()) if each is element)]
+    place = next(i for i, each in enumerate(alike) if each is element)
+    return lines[min(place, len(lines) - 1)] if lines else 0

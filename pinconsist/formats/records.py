@@ -15,6 +15,7 @@ A force has ``kind`` and the fields of its record in :mod:`pinconsist.mechanism.
       - {kind: friction, coefficients: {crank: 0.5}, width: 1.0e-5}
       - {kind: spring, joint: crank, stiffness: 20.0, rest: 0.3}
       - {kind: spring-damper, frame1: tip, stiffness: 500.0, length: 0.4, damping: 2.0, xyz2: [0, 0, 1]}
+      - {kind: bushing, frame1: engine, frame2: hull, stiffness: [1.0e5, 1.0e5, 2.0e5, 100, 100, 100]}
       - {kind: torque, torques: {crank: 2.0, rocker: {amplitude: 3.0, frequency: 0.5}}}
       - {kind: servo, joint: crank, target: {start: 0.1, speed: 2.0}, stiffness: 100.0, damping: 5.0}
       - {kind: wrench, frame: tip, force: [0, 0, -10], axes: world}
@@ -37,7 +38,7 @@ from .reading import bound, finite, located, near, short_repr
 
 LOOPS = {kind: Loop for kind in ROW_NAMES} | {"coupling": Coupling, "drive": Drive}
 FORCES = {"damping": laws.JointDamping, "friction": laws.JointFriction, "spring": laws.JointSpring}
-FORCES |= {"spring-damper": laws.SpringDamper, "torque": laws.JointTorque, "servo": laws.Servo}
+FORCES |= {"spring-damper": laws.SpringDamper, "bushing": laws.Bushing, "torque": laws.JointTorque, "servo": laws.Servo}
 FORCES |= {"wrench": laws.Wrench, "actuator": laws.Actuator}
 _MOTION = tuple(each.name for each in dataclasses.fields(Motion))
 _CODE_ONLY = "Callable | None"  # annotation of fields that a file cannot hold

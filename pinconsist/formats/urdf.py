@@ -16,12 +16,15 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import FormatError
+from ..mechanism.checks import warn
+from .drake import joints_in_urdf
+from .extensions import LOOP_TAGS, left_out, sorted_records
 from .ignored import COLLISIONS, LIMITS, Ignored
 from .joints import AS_WRITTEN, replaced
 from .plausible import angles_of, inertias_of, limits_of, warn_of_degrees, warn_of_inertias, warn_of_limits
 from .reading import LARGEST, Node, RobotFile, parsed, read_bytes, require_known, text
 from .urdf_extensions import HARMLESS, ROBOT, count_extensions, springs, weightless_links
-from .urdf_loops import X_AXIS, ZERO, couplings, loop_joints, refuse_foreign, transmissions
+from .urdf_loops import X_AXIS, ZERO, cut_loops, joined, refuse_foreign, transmissions
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 UNLIMITED = 1e300  # stands for a missing limit
@@ -46,13 +49,15 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), joint_t
     """
     content = read_bytes(path) if content is None else content
     raw = without_namespace(parsed(content))
-    refuse_foreign(raw, ignore, content)
+    left_out(_holders(raw), ignore)
+    refuse_foreign(raw, content)
+    types = joints_in_urdf(raw) | dict(joint_types or {})
+    true_loops = cut_loops(raw)
     robot = checked(raw, name)
     warn_of_limits(path, limits_of(robot))
     warn_of_degrees(path, angles_of(robot))
     ignored = _ignored(raw)
-    loops, followers = loop_joints(raw), couplings(raw)
-    types, joints = dict(joint_types or {}), {joint.get("name"): joint for joint in robot.findall("joint")}
+    joints = {joint.get("name"): joint for joint in robot.findall("joint")}
     for joint in [joint for joint, kind in types.items() if kind in AS_WRITTEN]:
         element = f"joint {joint!r}"
         require_known(joint, joints, "there is no joint of this name to replace", element)
@@ -67,8 +72,19 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), joint_t
     model = replaced(model, types) if types else model
     motors = transmissions(raw, model, UNLIMITED)
     actuated = tuple(dict.fromkeys(joint for motor in motors for joint in motor.arms))
-    forces = (*motors, *springs(raw, model), *weightless_links(raw, model))
-    return RobotFile(model, urdf, loops, followers, forces, actuated=actuated, ignored=ignored.lines())
+    loops, followers, more = sorted_records(joined(raw, model, ignored))
+    forces = (*motors, *springs(raw, model), *weightless_links(raw, model), *more)
+    if true_loops:
+        names = ", ".join(repr(loop.name) for loop in true_loops)
+        warn(f"{path}: links are children of two joints; the tree is cut at {names}, which close the loops")
+    return RobotFile(model, urdf, (*true_loops, *loops), followers, forces, actuated=actuated, ignored=ignored.lines())
+
+
+def _holders(raw):
+    """(prefix of tags, element) of everything that has extensions."""
+    yield "", raw
+    for tag in ("gazebo", "mujoco"):
+        yield from ((f"{tag}/", each) for each in raw.findall(tag))
 
 
 def _ignored(raw: Element) -> Ignored:
@@ -100,10 +116,15 @@ def _built(urdf, free_flyer, kinds):
 
 
 def without_namespace(raw: Element) -> Element:
-    """The same element without its default namespace, which is legal and has no meaning here."""
+    """The same element without its default namespace, and those of elements that close loops, which mean nothing."""
     namespace = raw.tag[: raw.tag.find("}") + 1]
     for node in raw.iter():
         node.tag = node.tag.removeprefix(namespace)
+    for node in raw:
+        space, _, tag = node.tag.rpartition("}")
+        if space and "drake" not in space and tag in (*LOOP_TAGS, "coupling"):
+            for each in node.iter():
+                each.tag = each.tag.rpartition("}")[2]
     return raw
 
 

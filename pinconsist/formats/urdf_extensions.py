@@ -8,10 +8,13 @@ from xml.etree.ElementTree import Element
 
 from ..mechanism.forces import JointSpring, Wrench
 from ..mechanism.loops import GROUND
+from . import drake, gazebo
+from .extensions import LOOP_TAGS
 from .ignored import CONTACTS, Ignored
 from .reading import Node, floats, require_known
 
-ROBOT = ("link", "joint", "loop_joint", "material", "transmission", "gazebo", "mujoco", "sensor", "group", "frame")
+ROBOT = (*drake.TAGS, *LOOP_TAGS, "link", "joint", "coupling", "material", "transmission", "gazebo", "mujoco", "sensor")
+ROBOT += ("group", "frame", "drake:frame")
 ROBOT += ("fixed_frame", "drake:proximity_properties", "drake:collision_filter_group", "ros2_control")
 HARMLESS = ("visual", "sensor", "material", "origin", "self_collide", "selfCollide", "verbose", "hardwareInterface")
 HARMLESS += ("preserveFixedJoint", "disableFixedJointLumping", "provideFeedback", "laserRetro")
@@ -23,10 +26,10 @@ _MUJOCO = ("compiler", "size", "visual")
 def count_extensions(robot: Element, ignored: Ignored) -> None:
     """Count what has no effect in the ``<gazebo>`` and ``<mujoco>`` elements of a parsed ``<robot>``."""
     for holder in robot.findall("gazebo"):
-        for plugin in holder.findall("plugin"):
+        for plugin in (each for each in holder.findall("plugin") if not gazebo.reads(each)):
             ignored.add_plugin(plugin)
         ignored.add(CONTACTS, sum(each.tag in _CONTACT for each in holder))
-        ignored.add_unknown(holder, (*HARMLESS, *_CONTACT, *_SPRING, "plugin"), "gazebo")
+        ignored.add_unknown(holder, (*HARMLESS, *_CONTACT, *_SPRING, "plugin", "joint"), "gazebo")
     for holder in robot.findall("mujoco"):
         ignored.add_unknown(holder, (*_MUJOCO, "equality"), "mujoco")
 

@@ -1,29 +1,43 @@
-"""Loops and motors in a URDF: ``<loop_joint>``, ``<mimic>``, ``<transmission>``; frames whose names close loops.
+"""Loops and motors in a URDF: ``<loop_joint>``, ``<loop>``, ``<constraint>``, ``<coupling>``, ``<mimic>``,
+``<transmission>``, true loops, frames whose names close loops, and what Gazebo, Drake and MuJoCo add.
 
-``<loop_joint>`` is a joint that closes a loop::
+None of these but ``<mimic>`` and ``<transmission>`` is part of URDF. The following elements mean the same, an anchor on
+each of two links; in a closed loop the anchors coincide, up to the motion that the type leaves free::
 
     <loop_joint name="tip" type="revolute">
       <link1 link="left" xyz="1 0 0" rpy="0 0 0"/>
       <link2 link="right" xyz="1 0 0" rpy="0 0 0"/>
       <axis xyz="0 1 0"/>
     </loop_joint>
+    <loop name="tip" type="revolute">
+      <predecessor link="left"><origin xyz="1 0 0" rpy="0 0 0"/></predecessor>
+      <successor link="right"><origin xyz="1 0 0" rpy="0 0 0"/></successor>
+      <axis xyz="0 1 0"/>
+    </loop>
+    <constraint name="tip" type="spherical_joint">
+      <parent link="left"/><parent_origin xyz="1 0 0" rpy="0 0 0"/>
+      <child link="right"/><child_origin xyz="1 0 0" rpy="0 0 0"/>
+    </constraint>
 
-This element is not part of URDF. It comes from two other readers: a former one of Drake (no type: the origins coincide
-and the axes are aligned), and Isaac Sim's (with ``type``, of which it supports ``spherical`` only). Both forms are
-supported here. ``xyz`` and ``rpy`` place an anchor on its link; in a closed loop the anchors coincide, up to the motion
-that the type leaves free. ``axis`` has the same components in both anchors; its default is x, as in URDF.
+``<loop_joint>`` comes from a former reader of Drake (no type: a hinge), and from Isaac Sim's (of which it supports
+``spherical`` only); ``<loop>`` and ``<coupling>`` from URDF+ (Chignoli et al. 2024), ``<constraint>`` from a fork of
+urdfdom. A URDF that lets a link be the child of two joints is cut into a tree, see :func:`cut_loops`. ``axis`` has the
+same components in both anchors; its default is x, as in URDF.
 
 The types, the motion that they leave free, and the kinds of loop that they become::
 
-    fixed                            none                              frame
+    fixed, weld, 6d                  none                              frame
     revolute, continuous or no type  rotation about the axis           hinge
     prismatic                        translation along the axis        slider
+    cylindrical                      both                              cylinder
     planar                           motion in the plane normal to it  plane
-    spherical, ball                  all rotations                     point
+    spherical, ball, 3d              all rotations                     point
 
 Limits, damping and friction of a loop joint have no effect; if they are given, a warning says so.
 
-``<mimic>`` becomes a coupling: a joint follows another, q = multiplier·q_other + offset.
+``<mimic>`` becomes a coupling: a joint follows another, q = multiplier·q_other + offset. So does ``<coupling>``:
+ratio times the sum of the joints from the nearest common ancestor to the predecessor is the sum of those to the
+successor.
 
 If nothing else defines the loops of a robot, pairs of frames with the following names are the two ends of a loop:
 
@@ -45,20 +59,28 @@ warning. Other transmissions exert no force, also with a warning.
 """
 
 import re
+from collections.abc import Iterator
 from xml.etree.ElementTree import Element
 
 import numpy as np
+import pinocchio as pin
 
 from ..errors import FormatError, warn
 from ..mechanism.forces import Actuator
 from ..mechanism.joint_constraints import Coupling
-from ..mechanism.loops import Loop
+from ..mechanism.loops import Loop, anchor
+from . import drake, gazebo
+from .closures import WITH_AXIS, Closure, kind_of
+from .extensions import LOOP_TAGS, Names, pose, warn_without_effect, word
 from .reading import DRAKE, Node, closing, floats, located, refuse, require_known
 
-_KINDS = {"fixed": "frame", "revolute": "hinge", "continuous": "hinge", "prismatic": "slider", "planar": "plane"}
-_KINDS |= {"spherical": "point", "ball": "point"}
-_WITH_AXIS = ("hinge", "slider", "plane")
-_OWN = ("link", "joint", "loop_joint", "material", "transmission", "gazebo", "mujoco")
+_OWN = (*LOOP_TAGS, "link", "joint", "coupling", "material", "transmission", "gazebo", "mujoco", *drake.TAGS)
+_ENDS = (
+    ("link1", "predecessor", "parent", "link_a", "linkA", "body1"),
+    ("link2", "successor", "child", "link_b", "linkB", "body2"),
+)
+"""Children that name the two links of a loop."""
+_OWN_EQUALITIES = ("connect", "weld", "joint")
 ZERO, X_AXIS = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)
 _CAN_FOLLOW = ("revolute", "continuous", "prismatic")
 _ONSHAPE = re.compile(r"(closing_.+)_([12])")
@@ -71,44 +93,224 @@ _MIXED = {  # reductions of two joints → for each actuator, its factor on each
 }
 
 
-def refuse_foreign(robot: Element, ignore, content) -> None:
+def refuse_foreign(robot: Element, content) -> None:
     """Raise FormatError for unsupported extensions that close loops; see :func:`refuse`."""
-    found = closing(robot, _OWN) + [("mujoco/equality", each) for each in robot.iterfind("mujoco/equality")]
-    found += [("gazebo/joint", each) for each in robot.iterfind("gazebo/joint")]  # an element of SDF
+    found = closing(robot, (*_OWN, "drake:joint"))
+    for equality in robot.iterfind("mujoco/equality"):
+        found += [("mujoco/equality", each) for each in equality if each.tag not in _OWN_EQUALITIES]
+        found += [("mujoco/equality", equality)] * (len(equality) == 0)
+    found += [(f"gazebo/{tag}", each) for tag in ("link", "model") for each in robot.iterfind(f"gazebo/{tag}")]
     followers = {joint.get("name") for joint in robot.findall("joint") if joint.find("mimic") is not None}
     for tag, element in (pair for each in robot.findall("gazebo") for pair in closing(each, ("joint",))):
-        if "mimic" not in f"{tag}{element.get('filename', '')}" or element.findtext("joint") not in followers:
-            found.append((tag, element))  # not one that repeats a <mimic> for Gazebo
-    refuse(found, ignore, robot, content, "write it as <loop_joint>, <mimic> or in a loop file")
+        repeats = "mimic" in f"{tag}{element.get('filename', '')}" and element.findtext("joint") in followers
+        if not repeats and not gazebo.reads(element):  # not one that repeats a <mimic> for Gazebo
+            found.append((tag, element))
+    refuse(found, robot, content, "write it as <loop_joint>, <mimic> or in a loop file")
 
 
-def loop_joints(robot: Element) -> tuple[Loop, ...]:
-    """The ``<loop_joint>`` elements of a parsed ``<robot>``."""
-    links = {link.get("name") for link in robot.findall("link")}
-    return tuple(_loop(name, node, links) for name, node in Node(robot).named("loop_joint").items())
+def joined(robot: Element, model, ignored) -> Iterator:
+    """The loops, couplings and forces of all extensions of a parsed ``<robot>``, with a model of its tree."""
+    links = [link.get("name") for link in robot.findall("link")]
+    names = Names(robot.get("name", ""), links, list(model.names)[1:], _frames(robot))
+    top, leaders = Node(robot), {}
+    for coupling in couplings(robot):
+        leaders[coupling.joint] = coupling
+        yield coupling
+    for tag in LOOP_TAGS:
+        for name, node in top.named(tag).items():
+            yield _loop(name, node, names, tag)
+    for name, node in top.named("coupling").items():
+        yield _gear(name, node, names, robot)
+    yield from drake.joined(top, names, ignored)
+    for holder in top.children("gazebo"):
+        for node in holder.children("joint"):
+            yield gazebo.injected_joint(node, names, model)
+        for record in gazebo.joined(holder, names, ignored):
+            if not isinstance(record, Coupling) or record.joint not in leaders:
+                yield record
+    for holder in top.children("mujoco"):
+        for number, node in enumerate(each for eq in holder.children("equality") for each in _all(eq)):
+            yield from _equality(node, names, number, ignored)
 
 
-def _loop(name, node, links):
-    kind = node.get("type", "revolute")
-    if kind not in _KINDS:
-        raise node.error(f"type {kind!r} is not one of {', '.join(_KINDS)}")
-    for tag in ("limit", "dynamics", "mimic"):
-        if node.child(tag):
-            warn(f"{node.name}: <{tag}> does not act on a joint that closes a loop")
+def _frames(robot):
+    """The ``<frame>`` elements of a URDF that Drake and others read: name → (link, place on it)."""
+    found = {}
+    for tag in ("frame", DRAKE + "frame"):
+        for node in Node(robot).children(tag):
+            if node.get("name") and node.get("link"):
+                place = pose(node.numbers("xyz", 3, ZERO), node.numbers("rpy", 3, ZERO))
+                found[node.get("name")] = node.get("link"), place
+    return found
+
+
+def _all(node):
+    return [type(node)(each, str(each.tag)) for each in node.xml]
+
+
+def _loop(name, node, names, tag):
+    given = node.get("type") or "revolute"
+    kind = kind_of(given)
+    if kind is None or kind in ("distance", "universal"):
+        raise node.error(f"type {given[:40]!r} is not one of {', '.join(_TYPES)}")
+    warn_without_effect(node, "limit", "dynamics", "mimic")
     fields = {}
-    for number in (1, 2):
-        end = node.child(f"link{number}", required=True)
-        fields[f"frame{number}"] = link = end.get("link")
-        require_known(link, links, f"there is no link {link!r}", end.name)
-        fields |= {f"{key}{number}": end.numbers(key, 3, ZERO) for key in ("xyz", "rpy")}
+    for number, tags in enumerate(_ENDS, start=1):
+        frame, place = _anchor(node, tags, names)
+        fields |= {f"frame{number}": frame} | place_fields(number, *place)
     if fields["frame1"] == fields["frame2"]:
         raise node.error(f"both ends are on the link {fields['frame1']!r}")
-    if _KINDS[kind] in _WITH_AXIS:
+    if kind in WITH_AXIS:
         fields["axis"] = node.child("axis").numbers("xyz", 3, X_AXIS)
         if not any(fields["axis"]):
             raise node.error("the axis is the zero vector")
     with located(element=node.name, prefix=f"loop {name!r}: "):
-        return Loop(name, _KINDS[kind], **fields)
+        return Loop(name, kind, **fields)
+
+
+_TYPES = ("fixed", "revolute", "continuous", "prismatic", "cylindrical", "planar", "spherical", "ball")
+
+
+def place_fields(number, xyz, rpy):
+    return {f"xyz{number}": xyz, f"rpy{number}": rpy}
+
+
+def _anchor(node, tags, names):
+    """The link of one end of a loop, and (xyz, rpy) of its anchor."""
+    tag = next((tag for tag in tags if node.child(tag) or node.get(tag)), None)
+    if tag is None:
+        raise node.error(f"<{tags[0]}> is missing: the link of this end (or <{tags[1]}>, <{tags[2]}>)")
+    end = node.child(tag)
+    link = names.link(word(node, tag), end.name if end else node.name)
+    origins = (end.child("origin"), node.child(f"{tag}_origin"), node.child(f"origin_{tag}"), end)
+    place = next((each for each in origins if each and (each.get("xyz") or each.get("rpy"))), end)
+    return link, tuple(place.numbers(key, 3, ZERO) for key in ("xyz", "rpy"))
+
+
+def _gear(name, node, names, robot):
+    """The coupling of a ``<coupling>``: Σ to the successor = ratio · Σ to the predecessor."""
+    ends = [names.link(word(node, *tags), node.name) for tags in _ENDS]
+    chains, above = [], {}
+    for joint in robot.findall("joint"):
+        above[joint.find("child").get("link")] = joint
+    for link in ends:
+        chain = []
+        while link in above:
+            chain.append(above[link].get("name"))
+            link = above[link].find("parent").get("link")
+        chains.append(chain)
+    leading, following = ([joint for joint in chain if joint not in other and joint in names.joints]
+                          for chain, other in (chains, chains[::-1]))  # fmt: skip
+    if not leading or not following:
+        raise node.error("one of its links does not move relative to their common ancestor")
+    ratio = node.child("ratio")
+    factor = floats(ratio.get("value") or ratio.text(), 1, ratio.name)[0] if ratio else node.number("ratio")
+    first, *rest = following
+    others = {joint: factor for joint in leading} | {joint: -1.0 for joint in rest}
+    if len(others) == 1:
+        return Coupling(name, first, leading[0], factor)
+    return Coupling(name, first, others)
+
+
+def _equality(node, names, number, ignored):
+    """A ``connect``, ``weld`` or ``joint`` equality of MuJoCo, which its own reader of URDF leaves out."""
+    if node.get("active", "true").lower() in ("false", "0"):
+        ignored.add("inactive equality")
+        return
+    tag = node.xml.tag
+    name = node.get("name") or f"{tag}{number + 1}"
+    node.name = f"mujoco/equality {name!r}"
+    if tag == "joint":
+        joints = [names.joint(node.get(key), node.name) for key in ("joint1", "joint2") if node.get(key)]
+        offset, ratio, *higher = floats(node.get("polycoef") or "0 1 0 0 0", 5, node.name, "polycoef=")
+        if len(joints) < 2:
+            raise node.error("joint2 is missing: an equality of one joint makes it fixed")
+        yield Coupling(name, *joints, ratio, offset, tuple(higher))
+        return
+    ends = [names.link(node.get(key) or "world", node.name) for key in ("body1", "body2")]
+    if tag == "connect":
+        yield Closure(name, "point", *ends, pose(node.numbers("anchor", 3), ZERO))
+    elif node.get("relpose"):
+        *xyz, w, x, y, z = node.numbers("relpose", 7)
+        place = pin.SE3(pin.Quaternion(w, x, y, z).normalized().toRotationMatrix(), np.array(xyz))
+        yield Loop(name, "frame", *ends, **anchor(1, place))
+    else:
+        yield Closure(name, "frame", *ends, pin.SE3.Identity())
+
+
+def cut_loops(robot: Element) -> tuple[Loop, ...]:
+    """Cut true loops: remove from a parsed ``<robot>`` the joints of links that have another one; return the loops.
+
+    Of the joints of a link, one with a force or a motor stays in the tree, or the one with most rows; between equal
+    ones, that of the shortest chain. The anchors are the frames of the joint that is cut, as if it were in the tree.
+    """
+    Node(robot).named("joint")  # names are unique
+    joints = [joint for joint in robot.findall("joint") if joint.find("parent") is not None]
+    joints = [joint for joint in joints if joint.find("child") is not None]
+    ends = [(joint.find("parent").get("link"), joint.find("child").get("link")) for joint in joints]
+    children = [child for _, child in ends]
+    if len(set(children)) == len(children):
+        return ()
+    moved = {node.get("name") for node in robot.iterfind("transmission/joint")}
+    moved |= {joint.find("mimic").get("joint") for joint in joints if joint.find("mimic") is not None}
+    weights = [_worth(joint, moved) for joint in joints]
+    kept = _tree(ends, weights)
+    cut = [i for i in range(len(joints)) if i not in kept]
+    loops = tuple(_true_loop(joints[i], *ends[i]) for i in cut)
+    for i in cut:
+        robot.remove(joints[i])
+    return tuple(loop for loop in loops if loop)
+
+
+def _tree(ends, weights) -> set[int]:
+    """The joints (parent, child) of a tree: for each link that of the largest weight, if this leads to a root."""
+    children = {child for _, child in ends}
+    depth = {parent: 0 for parent, _ in ends if parent not in children}
+    for link in (waiting := list(depth)):
+        inner = [child for parent, child in ends if parent == link and child not in depth]
+        depth |= dict.fromkeys(inner, depth[link] + 1)
+        waiting += dict.fromkeys(inner)
+    options: dict[str, list[int]] = {}
+    for i, (_, child) in enumerate(ends):
+        options.setdefault(child, []).append(i)
+    for joints in options.values():
+        joints.sort(key=lambda i: (-weights[i], depth.get(ends[i][0], len(ends)), i))
+    chosen = {child: joints[0] for child, joints in options.items()}
+    while True:
+        reached = {link for link in depth if link not in children}
+        grown = True
+        while grown:
+            grown = [child for child, i in chosen.items() if child not in reached and ends[i][0] in reached]
+            reached.update(grown)
+        stuck = [(child, i) for child, joints in options.items() if child not in reached for i in joints]
+        change = next(((child, i) for child, i in stuck if ends[i][0] in reached), None)
+        if change is None:
+            return set(chosen.values())
+        chosen[change[0]] = change[1]
+
+
+def _worth(joint, moved) -> int:
+    """The number of rows of a joint, and more if a force or a motor needs its coordinate."""
+    rows = {"fixed": 6, "revolute": 5, "continuous": 5, "prismatic": 5, "planar": 3, "floating": 0}
+    dynamics = joint.find("dynamics")
+    acts = dynamics is not None and any(dynamics.get(key, "0").strip("0. ") for key in ("damping", "friction"))
+    acts = acts or joint.find("mimic") is not None or joint.get("name") in moved
+    return rows.get(joint.get("type", ""), 5) + 10 * acts
+
+
+def _true_loop(joint, parent, child):
+    node = Node(joint, f"joint {joint.get('name')!r}")
+    if joint.get("type") == "floating":
+        return None
+    kind = kind_of(joint.get("type", ""))
+    if kind is None:
+        raise node.error(f"type {joint.get('type')!r} cannot close a loop")
+    warn_without_effect(node, "dynamics", "mimic")
+    origin = node.child("origin")
+    place = place_fields(1, origin.numbers("xyz", 3, ZERO), origin.numbers("rpy", 3, ZERO))
+    axis = node.child("axis").numbers("xyz", 3, X_AXIS) if kind in WITH_AXIS else None
+    with located(element=node.name, prefix=f"loop {joint.get('name')!r}: "):
+        return Loop(joint.get("name"), kind, parent, child, **place, axis=axis)
 
 
 def couplings(robot: Element) -> tuple[Coupling, ...]:

@@ -12,7 +12,7 @@ from .assembly import assemble, impossible_alone
 from .checks import function_name, places, several
 from .closing import CLOSED, LoopSolver, steady
 from .correction import Walk
-from .forces import Actuator, Piecewise, SpringDamper, Torque, Wrench
+from .forces import Actuator, Bushing, Piecewise, SpringDamper, Torque, Wrench
 from .forces.force import ForceRecord
 from .forces.held import HeldRecord
 from .joint_constraints import Coordinate, Coupling, Drive
@@ -160,7 +160,7 @@ def _loop(loop, mechanism, smaller, locked, state):
         if _body(smaller, loop.frame1) != _body(smaller, loop.frame2):
             return loop
     elif isinstance(loop, Coupling | Drive):
-        joints = [loop.joint, loop.other] if isinstance(loop, Coupling) else [loop.joint]
+        joints = loop.joints if isinstance(loop, Coupling) else [loop.joint]
         held, others = [each for each in joints if each in locked], [each for each in joints if each not in locked]
         if not held:
             return loop
@@ -188,7 +188,7 @@ def _force(force, mechanism, smaller, locked, state):
     """The force on the smaller model; None if all its joints are locked."""
     if isinstance(force, Actuator):
         return _actuator(force, mechanism.model, locked, state)
-    if isinstance(force, SpringDamper):
+    if isinstance(force, SpringDamper | Bushing):
         return None if _body(smaller, force.frame1) == _body(smaller, force.frame2) else force
     if isinstance(force, Wrench):
         return None if _body(smaller, force.frame) == 0 else force

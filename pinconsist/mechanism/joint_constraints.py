@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import partial
@@ -206,16 +206,17 @@ class Coupling:
     """Couple two joints: q_joint = offset + ratio·q_other + Σ higher[i]·q_other^(i+2); passed with the loops.
 
     Its multiplier is the generalised force on `joint`, N·m (or N for a sliding joint), positive along the joint's
-    velocity; `other` receives -dq_joint/dq_other times it.
+    velocity; `other` receives -dq_joint/dq_other times it. Each may be several joints, as those of a tendon or of the
+    sun, ring and carrier of a planetary gear: q is then Σ share·q, and each joint receives its share.
 
     Parameters
     ----------
     name : str
-    joint, other : str
-        Two joints of one degree of freedom. For joints that store (cos, sin), Pinocchio's unbounded revolutes, the
-        angle is known up to whole turns only, and the coupling then holds up to whole turns: the nearest turn is kept.
-        If both joints are of that kind, the ratio must be an integer or the reciprocal of one. `higher` requires an
-        `other` that counts its turns, such as a plain revolute.
+    joint, other : str or mapping
+        Two joints of one degree of freedom, or joint → its share in the sum. For joints that store (cos, sin),
+        Pinocchio's unbounded revolutes, the angle is known up to whole turns only, and the coupling then holds up to
+        whole turns: the nearest turn is kept. If both joints are of that kind, the ratio must be an integer or the
+        reciprocal of one. `higher` requires an `other` that counts its turns, such as a plain revolute; so does a sum.
     ratio : float
         dq_joint/dq_other, in rad or m per rad or m. For a pair of external gears, -teeth_other/teeth_joint.
     offset : float
@@ -230,8 +231,8 @@ class Coupling:
     """
 
     name: str
-    joint: str
-    other: str
+    joint: str | Mapping[str, float]
+    other: str | Mapping[str, float]
     ratio: float = 1.0
     offset: float = 0.0
     higher: tuple[float, ...] = ()
@@ -241,11 +242,61 @@ class Coupling:
 
     def __post_init__(self):
         who = f"coupling {self.name!r}"
-        put_checked(self, who, name, "name", "joint", "other")
-        if self.joint == self.other:
-            raise InputError(f"{who}: joint {self.joint!r} cannot follow itself")
+        put_checked(self, who, name, "name")
+        for field in ("joint", "other"):
+            given = getattr(self, field)
+            if not isinstance(given, Mapping):
+                put_checked(self, who, name, field)
+                continue
+            shares = {name(joint, who): number(share, f"{who}: {joint}") for joint, share in given.items()}
+            if not shares or not all(shares.values()):
+                raise InputError(f"{who}: {field} needs joints with shares that are not zero, got {given!r}")
+            put(self, **{field: shares})
+        if both := sorted(set.intersection(*map(set, self.shares))):
+            raise InputError(f"{who}: joint {both[0]!r} cannot follow itself")
         put_checked(self, who, number, "ratio", "offset")
         put(self, higher=numbers(self.higher, f"{who}: higher"))
+
+    @property
+    def shares(self) -> tuple[dict[str, float], dict[str, float]]:
+        """Joint → its share, of ``joint`` and of ``other``."""
+        one, two = (dict(each) if isinstance(each, Mapping) else {each: 1.0} for each in (self.joint, self.other))
+        return one, two
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The names of all its joints."""
+        return tuple(joint for shares in self.shares for joint in shares)
+
+
+class _Sum:
+    """Σ share · q of some joints of a model."""
+
+    def __init__(self, model, shares, who):
+        self.joints = [Coordinate(model, joint, who, "coupled") for joint in shares]
+        self.shares = list(shares.values())
+        self.period = self.joints[0].period if self.alone else None
+        wraps = [joint for joint, each in zip(shares, self.joints, strict=True) if each.period]
+        if wraps and not self.alone:
+            raise InputError(
+                f"{who}: joint {wraps[0]!r} stores cosine and sine, so that its share in a sum is not unique; make it "
+                "a plain revolute joint, which counts its turns"
+            )
+
+    @property
+    def alone(self) -> bool:
+        """Whether this is the position of one joint."""
+        return self.shares == [1.0]
+
+    @property
+    def columns(self):
+        return [joint.column for joint in self.joints]
+
+    def value(self, q) -> float:
+        return sum(share * joint.value(q) for share, joint in zip(self.shares, self.joints, strict=True))
+
+    def speed(self, v) -> float:
+        return sum(share * v[joint.column] for share, joint in zip(self.shares, self.joints, strict=True))
 
 
 class CouplingRow(Rows):
@@ -253,8 +304,7 @@ class CouplingRow(Rows):
 
     def __init__(self, model, coupling: Coupling):
         self.loop, who = coupling, f"coupling {coupling.name!r}"
-        self._joint = Coordinate(model, coupling.joint, who, "coupled")
-        self._other = Coordinate(model, coupling.other, who, "coupled")
+        self._joint, self._other = (_Sum(model, shares, who) for shares in coupling.shares)
         self._law = (coupling.offset, coupling.ratio, *coupling.higher)
         self._slope = polyder(self._law)
         self._bend = polyder(self._slope)
@@ -279,14 +329,18 @@ class CouplingRow(Rows):
 
     def evaluate(self, data, q, t):
         other, J = self._other.value(q), np.zeros((1, self._nv))
-        J[0, [self._joint.column, self._other.column]] = 1.0, -polyval(other, self._slope)
+        J[0, self._joint.columns] = self._joint.shares
+        J[0, self._other.columns] = -polyval(other, self._slope) * np.array(self._other.shares)
         return np.array([_nearest(self._joint.value(q) - polyval(other, self._law), self._period)]), J
 
     def acceleration_bias(self, data, t, q, v):
-        return np.array([-polyval(self._other.value(q), self._bend) * v[self._other.column] ** 2])
+        return np.array([-polyval(self._other.value(q), self._bend) * self._other.speed(v) ** 2])
 
     def hand_over(self, compiled) -> bool:
-        compiled.add_coupling(self._joint.place, self._other.place, self._period or 0.0, np.array(self._law))
+        if not (self._joint.alone and self._other.alone):
+            return False
+        places = self._joint.joints[0].place, self._other.joints[0].place
+        compiled.add_coupling(*places, self._period or 0.0, np.array(self._law))
         return True
 
 

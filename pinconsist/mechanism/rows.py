@@ -100,7 +100,8 @@ class LoopRows:
         of_joints = velocity_units(self.model) if any(isinstance(loop, Coupling | Drive) for loop in self.loops) else []
         for loop, part in zip(self.loops, self.slices.values(), strict=True):
             if isinstance(loop, Coupling | Drive):
-                units[part.start] = of_joints[self.model.idx_vs[self.model.getJointId(loop.joint)]]
+                first = next(iter(loop.shares[0])) if isinstance(loop, Coupling) else loop.joint
+                units[part.start] = of_joints[self.model.idx_vs[self.model.getJointId(first)]]
             elif not isinstance(loop, Loop):
                 units[part] = [""] * (part.stop - part.start)
         return units

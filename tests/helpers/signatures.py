@@ -46,6 +46,7 @@ PARAMETERS = {  # those after the bar by name only
     "Simulation": "mech q0 v0 | t0 method step order rtol atol forces events max_step backend",
     "Solution": "t q v lam success status message nsteps nfev njev nlu rejected h order method scene recipe versions"
     " held sol t_events q_events v_events system",
+    "Bushing": "frame1 frame2 stiffness damping xyz1 rpy1 xyz2 rpy2",
     "SpringDamper": "frame1 frame2 stiffness length damping xyz1 xyz2",
     "Torque": "function gradient",
     "Wrench": "frame force moment axes xyz",
@@ -56,7 +57,7 @@ PARAMETERS = {  # those after the bar by name only
     "gradient": "build theta t_span q0 v0 | rows terminal names steps forces events t_eval rtol atol **options",
     "inverse_dynamics": "mechanism times q0 | forces",
     "linearize": "mechanism q0 v0 | forces t",
-    "load": "source | loops closure free_flyer package_dirs ignore precision",
+    "load": "source | loops closure free_flyer package_dirs ignore precision args",
     "models": "",
     "plot": "runs *quantities | file mech",
     "plot_comparison": "rows file",

@@ -30,6 +30,7 @@ import pinocchio as pin
 
 from ...errors import warn
 from ...mechanism.forces import JointSpring
+from ..extensions import left_out
 from ..ignored import COLLISIONS, LIMITS, Ignored
 from ..plausible import inertias_of, warn_of_inertias
 from ..reading import DRAKE, RobotFile, closing, finite, parsed, read_bytes, refuse, short_repr, text
@@ -42,18 +43,21 @@ _DEFAULT_INERTIA = dict(zip(INERTIA, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0), strict=True
 _LINK = ("pose", "inertial", "collision", "visual", "sensor", "projector", "audio_sink", "audio_source", "battery")
 _LINK += ("light", "particle_emitter", "gravity", "enable_wind", "self_collide", "kinematic", "must_be_base_link")
 _LINK += ("velocity_decay",)
+_HOLDERS = ("world", "model", "joint", "axis", "axis2")
 _SYSTEMS = ("Physics", "Sensors", "Contact")
 """Plugins of a world that run Gazebo itself."""
 _log = logging.getLogger(__name__)
 
 
-def read(path: Path, name: str, folders, *, free_flyer=False, ignore=()) -> RobotFile:
+def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), content=None) -> RobotFile:
     """Read an SDF file. Links and `<frame>` elements become frames of the model; a free-flyer is ``root_joint``."""
-    raw = parsed(content := read_bytes(path))
-    holders = [each for tag in ("world", "model", "joint", "axis", "axis2") for each in raw.iter(tag)]
+    content = read_bytes(path) if content is None else content
+    raw = parsed(content)
+    left_out([("", each) for tag in _HOLDERS for each in raw.iter(tag)], ignore)
+    holders = [each for tag in _HOLDERS for each in raw.iter(tag)]
     own = ("mimic", "gearbox_ratio", "gearbox_reference_body")
     found = [each for holder in holders for each in closing(holder, own)]
-    refuse(found, ignore, raw, content, "write it as a <joint> or <mimic> of SDF")
+    refuse(found, raw, content, "write it as a <joint> or <mimic> of SDF")
     document = Document(raw)
     joints = read_joints(document)
     robot = checked(in_urdf(document, [Path(folder).resolve() for folder in folders]), name)

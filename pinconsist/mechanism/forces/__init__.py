@@ -7,6 +7,7 @@ JointDamping  τ = -d v                                                     N·m
 JointFriction τ = -f tanh(v / width)                                       N·m or N; width 1e-5 rad/s or m/s
 JointSpring   τ = -k (q_joint - rest)                                      N·m/rad or N/m
 SpringDamper  tension k (l - l₀) + d dl/dt between two points              N/m, N·s/m
+Bushing       -(k y + d ẏ) in six coordinates y between two frames         N/m, N·m/rad; N·s/m, N·m·s/rad
 JointTorque   τ by joint name, constant or a function of time              N·m or N
 Servo         τ = k (θ_d(t) - θ) + d (θ̇_d(t) - θ̇)                          N·m/rad, N·m·s/rad or N/m, N·s/m
 Actuator      τ = gear f, f affine in its command, position and velocity   N·m or N
@@ -22,15 +23,16 @@ system evaluates. The equations are M v' + nle = τ + Jᵀλ, so that τ·v is t
 """
 
 from .actuators import Actuator
-from .bodies import SpringDamper, Wrench
+from .bodies import Bushing, SpringDamper, Wrench
 from .force import Force, JointTorque, Torque, as_force, bound_force, label_of, unused
 from .held import HeldTorque, Sampled
 from .joints import JointDamping, JointFriction, JointSpring, Servo
 from .piecewise import Piecewise
 
 __all__ = [
-    "Actuator", "Force", "HeldTorque", "JointDamping", "JointFriction", "JointSpring", "JointTorque", "Piecewise",
-    "Sampled", "Servo", "SpringDamper", "Torque", "Wrench", "as_force", "bound_forces", "model_forces", "unused",
+    "Actuator", "Bushing", "Force", "HeldTorque", "JointDamping", "JointFriction", "JointSpring", "JointTorque",
+    "Piecewise", "Sampled", "Servo", "SpringDamper", "Torque", "Wrench", "as_force", "bound_forces", "model_forces",
+    "unused",
 ]  # fmt: skip
 
 

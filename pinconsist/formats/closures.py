@@ -1,0 +1,73 @@
+"""Loops of which a file gives one anchor: the other one lies where the first is in the configuration of the file."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import pinocchio as pin
+
+from ..mechanism.checks import frame_of
+from ..mechanism.loops import GROUND, Loop, anchor
+
+KINDS = {
+    **dict.fromkeys(("point", "3d", "ball", "spherical", "ball_and_socket", "p2p", "connect"), "point"),
+    **dict.fromkeys(("frame", "6d", "fixed", "weld", "rigid", "fixed_relative_transform"), "frame"),
+    **dict.fromkeys(("hinge", "revolute", "continuous", "pin", "rotational"), "hinge"),
+    **dict.fromkeys(("slider", "prismatic", "translational", "linear"), "slider"),
+    **dict.fromkeys(("cylinder", "cylindrical", "piston"), "cylinder"),
+    **dict.fromkeys(("universal", "cardan"), "universal"),
+    "planar": "plane",
+    "plane": "plane",
+    "distance": "distance",
+}
+"""Names of joints and constraints in files → kinds of loops."""
+WITH_AXIS = ("hinge", "slider", "cylinder", "plane", "universal")
+
+
+def kind_of(word: str) -> str | None:
+    """The kind of loop that a file calls ``Revolute``, ``spherical_joint`` or ``6D``; None for another word."""
+    plain = word.strip().lower().replace("-", "_").replace(" ", "_")
+    return KINDS.get(plain) or KINDS.get(plain.removesuffix("_joint").removesuffix("_constraint").removesuffix("joint"))
+
+
+@dataclass(frozen=True)
+class Closure:
+    """A loop with one anchor, at `place` in frame `at` (1 or 2; 0: in the world); the other coincides with it.
+
+    ``axis`` and ``axis2`` have components in the axes of the anchor. With ``xyz2`` the other anchor is at this position
+    in its frame, and only its axes are those of the first.
+    """
+
+    name: str
+    kind: str
+    frame1: str
+    frame2: str
+    place: pin.SE3
+    at: int = 1
+    axis: tuple[float, ...] | None = None
+    axis2: tuple[float, ...] | None = None
+    xyz2: tuple[float, ...] | None = None
+
+
+def closed(model: pin.Model, loops: Iterable) -> tuple:
+    """The loops, with both anchors: those of a :class:`Closure` coincide at ``pin.neutral``; others are unchanged."""
+    loops = tuple(loops)
+    if not any(isinstance(loop, Closure) for loop in loops):
+        return loops
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, pin.neutral(model))
+    poses = {frame.name: data.oMf[i] for i, frame in enumerate(model.frames)} | {GROUND: pin.SE3.Identity()}
+    for loop in (each for each in loops if isinstance(each, Closure)):
+        for frame in (loop.frame1, loop.frame2):
+            frame_of(model, frame, f"loop {loop.name!r}")
+    return tuple(_closed(loop, poses) if isinstance(loop, Closure) else loop for loop in loops)
+
+
+def _closed(closure, poses) -> Loop:
+    frames = closure.frame1, closure.frame2
+    there = closure.place if closure.at == 0 else poses[frames[closure.at - 1]] * closure.place
+    fields = {}
+    for end, frame in enumerate(frames, start=1):
+        fields |= anchor(end, closure.place if end == closure.at else poses[frame].actInv(there))
+    if closure.xyz2 is not None:
+        fields["xyz2"] = closure.xyz2
+    return Loop(closure.name, closure.kind, *frames, **fields, axis=closure.axis, axis2=closure.axis2)

@@ -1,0 +1,117 @@
+"""Xacro files: the pip package ``xacro`` expands them (``pip install 'pinconsist[xacro]'``), in a process of its own.
+
+The result is read as what it is, URDF or SDF. ``$(find NAME)`` is the folder of the ROS package NAME: one that holds
+the file, that lies beside such a package, or one of ``package_dirs``. Includes are read from these packages, and
+from the folder of the file. Arguments of the file come from ``load(..., args={...})``.
+"""
+
+import hashlib
+import json
+import re
+import subprocess
+import sys
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+
+from ..errors import FormatError, MissingExtraError
+from .reading import RobotFile, note_read, parsed, read_bytes, short_repr
+
+SECONDS = 60  # in which the process must end
+DEEPEST = 4  # folders above a file in which a package is searched for
+MOST_PACKAGES = 200
+_NAME = re.compile(rb"<name>\s*([\w.-]+)\s*</name>")
+
+
+def read(path: Path, name: str, folders, *, args=None, **options) -> RobotFile:
+    """Read a xacro file; `args` are its arguments, name → value."""
+    content = expanded(path, args or {}, [Path(folder) for folder in folders])
+    root = parsed(content).tag.rpartition("}")[2]
+    if root not in ("robot", "sdf"):
+        raise FormatError(f"it expands to <{root}>, which is neither <robot> nor <sdf>")
+    if root == "sdf":
+        options.pop("joint_types", None)
+    options["content"] = content
+    return import_module(f".{'urdf' if root == 'robot' else 'sdf'}", __package__).read(path, name, folders, **options)
+
+
+def expanded(path: Path, args: dict, folders) -> bytes:
+    """The text to which a xacro file expands; FormatError with xacro's message."""
+    read_bytes(path)
+    if find_spec("xacro") is None:
+        need = "xacro files are expanded by the pip package xacro; install it with: pip install 'pinconsist[xacro]'"
+        raise MissingExtraError(need)
+    packages = _packages(path, folders)
+    allowed = [path.parent.resolve(), *folders, *packages.values()]
+    request = {
+        "path": str(path.resolve()),
+        "args": {key: _argument(value) for key, value in args.items()},
+        "folders": [str(folder) for folder in allowed],
+        "packages": {key: str(folder) for key, folder in packages.items()},
+    }
+    script = Path(__file__).with_name("xacro_process.py")
+    try:
+        command, given = [sys.executable, "-I", str(script)], json.dumps(request).encode()
+        run = subprocess.run(command, input=given, capture_output=True, timeout=SECONDS)
+        answer = json.loads(run.stdout)
+    except subprocess.TimeoutExpired:
+        raise FormatError(f"xacro did not finish within {SECONDS} s") from None
+    except ValueError:
+        reason = (run.stderr.decode(errors="replace").strip().splitlines() or ["it used too much time or memory"])[-1]
+        raise FormatError(f"xacro did not finish: {reason[:200]}") from None
+    for file in answer["opened"]:
+        note_read(Path(file), hashlib.sha256(Path(file).read_bytes()).hexdigest())
+    if "error" in answer:
+        raise FormatError(_reason(answer))
+    return answer["text"].encode()
+
+
+def _argument(value) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _packages(path, folders) -> dict[str, Path]:
+    """ROS packages by their names: those that hold the file, those beside them, and those in the folders."""
+    found: dict[str, Path] = {}
+    around = [path.resolve().parent, *list(path.resolve().parent.parents)[:DEEPEST]]
+    own = [folder for folder in around if (folder / "package.xml").is_file()]
+    for folder in own:
+        found.setdefault(_package_name(folder), folder)
+        found.setdefault(folder.name, folder)
+    beside = [each for folder in own[:1] for each in _inside(folder.parent)]
+    given = [Path(folder).resolve() for folder in folders]
+    given += [each for folder in given for each in _inside(folder)]
+    for folder in (*given, *beside):
+        if (folder / "package.xml").is_file():
+            found.setdefault(_package_name(folder), folder)
+        found.setdefault(folder.name, folder)
+    return found
+
+
+def _inside(folder):
+    """The folders in a folder that are packages."""
+    try:
+        inner = [each for each in sorted(folder.iterdir())[:MOST_PACKAGES] if (each / "package.xml").is_file()]
+    except OSError:
+        return []
+    return inner
+
+
+def _package_name(folder) -> str:
+    match = _NAME.search((folder / "package.xml").read_bytes()[:100_000])
+    return match[1].decode() if match else folder.name
+
+
+def _reason(answer) -> str:
+    error, missing = answer["error"], answer["missing"]
+    if missing and "package not found" in error:
+        return (
+            f"$(find {missing[0]}) names a ROS package that does not hold the file and is not beside it; pass its "
+            f'folder: package_dirs=["…/{missing[0]}"]'
+        )
+    if answer.get("kind") == "PermissionError" or "outside" in error:
+        return f"xacro: {error[:300]}: files outside of the folder of the scene and its packages are not read"
+    if answer.get("kind") == "UndefinedArgument" or "Undefined substitution argument" in error:
+        wanted = error.rpartition(" ")[2]
+        return f"its argument {short_repr(wanted)} has no default; pass it: args={{{wanted!r}: …}}"
+    return f"xacro: {error[:400]}"

@@ -1,0 +1,116 @@
+"""The process in which xacro expands a file: ``python -I xacro_process.py`` with a JSON request on its input.
+
+Xacro evaluates Python expressions of the file. Therefore it runs in a process of its own, which may open files in the
+given folders only, has neither network nor children, no environment, and limits of time and memory. Python's audit
+events are the gate; names with leading underscores, which could reach around it, are refused before.
+"""
+
+import ast
+import json
+import os
+import sys
+
+SECONDS, BYTES = 20, 1_000_000_000
+REFUSED = (
+    "socket.",
+    "subprocess.",
+    "os.",
+    "shutil.",
+    "ctypes.",
+    "ftplib.",
+    "urllib.",
+    "http.",
+    "smtplib.",
+    "pty.",
+    "mmap.",
+)
+ALLOWED = ("os.listdir", "os.scandir", "os.fspath", "os.walk")
+CHANGES = "wax+"
+
+
+def main():
+    request = json.loads(sys.stdin.read())
+    import xacro
+    import xacro.substitution_args as substitution
+
+    opened = []
+    roots = [os.path.realpath(folder) for folder in request["folders"]]
+    library = [os.path.realpath(folder) for folder in sys.path if folder]
+    packages, missing = request["packages"], set()
+
+    def find(package):
+        if package not in packages:
+            missing.add(package)
+            return f"/package not found/{package}"
+        return packages[package]
+
+    evaluate, safe_eval = substitution._eval, xacro.safe_eval
+
+    def checked(expression):
+        for node in ast.walk(ast.parse(expression.strip(), mode="eval")):
+            names = [getattr(node, key, "") for key in ("id", "attr")]
+            if any(str(name).startswith("_") or str(name) in ("format", "format_map", "gi_frame") for name in names):
+                raise xacro.XacroException(f"the name in {expression.strip()!r} is refused for safety")
+            if isinstance(node, ast.BinOp) and isinstance(node.op, (ast.Pow, ast.LShift)):
+                right = getattr(node.right, "value", 0)
+                if isinstance(right, (int, float)) and abs(right) > 1000:
+                    raise xacro.XacroException(f"the exponent in {expression.strip()!r} is too large")
+
+    def in_eval(text, context):
+        checked(text)
+        return evaluate(text, context)
+
+    def in_braces(expression, *more):
+        checked(expression)
+        return safe_eval(expression, *more)
+
+    substitution._eval_find, substitution._eval, xacro.safe_eval = find, in_eval, in_braces
+    substitution._eval_dict["find"] = find
+
+    def gate(event, arguments):
+        if event == "open":
+            path, mode = arguments[0], arguments[1]
+            if isinstance(path, int):
+                return
+            real = os.path.realpath(os.fsdecode(path))
+            if any(letter in (mode or "r") for letter in CHANGES):
+                raise PermissionError(13, "refused", os.fsdecode(path))
+            if any(real.startswith(root + os.sep) for root in roots):
+                opened.append(real)
+            elif not any(real.startswith(root + os.sep) for root in library):  # modules, imported late
+                raise PermissionError(13, "outside", os.fsdecode(path))
+        elif event.startswith(REFUSED) and event not in ALLOWED:
+            raise PermissionError(13, "refused", event)
+
+    _limit()
+    os.environ.clear()
+    sys.addaudithook(gate)
+    answer = {"opened": opened}
+    try:
+        document = xacro.process_file(request["path"], mappings=request["args"])
+        answer["text"] = document.toxml()
+    except RecursionError:
+        answer["error"] = "macros include themselves"
+    except Exception as error:
+        answer["error"] = " ".join(str(each) for each in _chain(error))
+        answer["kind"] = type(error).__name__
+    answer["missing"] = sorted(missing)
+    sys.stdout.write(json.dumps(answer))
+
+
+def _chain(error):
+    found, inner = [error], getattr(error, "exc", None)
+    return found if inner is None or str(inner) in str(error) else [*found, inner]
+
+
+def _limit():
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
+    resource.setrlimit(resource.RLIMIT_AS, (BYTES, BYTES))
+
+
+if __name__ == "__main__":
+    main()
