@@ -6,7 +6,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import pinocchio as pin
 
-from ..mechanism.checks import warn
+from ..errors import warn
 from ..mechanism.joint_constraints import Coupling, Drive
 from ..mechanism.loops import GROUND, Loop
 from .closures import Closure

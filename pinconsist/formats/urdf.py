@@ -15,8 +15,7 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 import pinocchio as pin
 
-from ..errors import FormatError
-from ..mechanism.checks import warn
+from ..errors import FormatError, warn
 from .drake import joints_in_urdf
 from .extensions import LOOP_TAGS, left_out, sorted_records
 from .ignored import COLLISIONS, LIMITS, Ignored
