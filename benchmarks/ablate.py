@@ -129,7 +129,7 @@ def command(
     """
     output.require_writable(csv=csv)
     if constants:
-        return _constants(scene, repeats, csv, as_json)
+        return _constants(scene, csv, as_json)
     rows = [asdict(cost) for cost in ablate(scene, repeats)]
     if report.in_files(csv, as_json, rows, ablate=rows):
         return output.FINE
@@ -141,18 +141,13 @@ def command(
     return output.FINE
 
 
-def _constants(scenes, repeats, csv, as_json) -> int:
-    rows = [asdict(row) for row in worths({name: SCENES.get(name, ELSEWHERE) for name in scenes or SCENES}, repeats)]
+def _constants(scenes, csv, as_json) -> int:
+    rows = [asdict(row) for row in worths({name: SCENES.get(name, ELSEWHERE) for name in scenes or SCENES})]
     if report.in_files(csv, as_json, rows, constants=rows):
         return output.FINE
-    columns = [
-        "constant",
-        "value>",
-        ("x>", "{factor:g}"),
-        ("time>", "{time:.2f}"),
-        ("slowest>", "{slowest:.2f}"),
-        "where",
-    ]
+    columns = ["constant", "value>", ("x>", "{factor:g}"), ("work>", "{work:.2f}"), ("most>", "{most:.2f}"), "where"]
     columns += [("error>", "{error:.2g}"), ("before>", "{error_before:.2g}")]
-    report.table(rows, columns, "Constants halved and doubled: time over that without; largest error, in tolerances")
+    report.table(
+        rows, columns, "Constants halved and doubled: residuals over those without; largest error, in tolerances"
+    )
     return output.FINE
