@@ -269,13 +269,21 @@ class _Writer:
             law = (loop.offset, loop.ratio, *loop.higher)
             if len(law) > POWERS:
                 raise NotTranslatedError(f"coupling {loop.name!r} has more powers than a joint equality of MuJoCo")
-            one, two = (self._plain(joint, f"coupling {loop.name!r}") for joint in (loop.joint, loop.other))
             law = numbers((*law, *[0.0] * (POWERS - len(law))))
-            self.equalities.append(f'<joint name={name} joint1={one} joint2={two} polycoef="{law}"/>')
+            one, two = (self._sum(loop, k) for k in (0, 1))
+            self.equalities.append(f'<tendon name={name} tendon1={one} tendon2={two} polycoef="{law}"/>')
         elif not isinstance(loop, Loop):
             raise NotTranslatedError(f"constraint {loop.name!r} is a user's function")
         else:
             self._anchored(loop, name)
+
+    def _sum(self, coupling, end) -> str:
+        """The name of a fixed tendon whose length is the sum of joints at one end of a coupling."""
+        name = quoteattr(f"{coupling.name}, {('joint', 'other')[end]}")
+        whose, shares = f"coupling {coupling.name!r}", dict(coupling.shares[end])
+        parts = (f'<joint joint={self._plain(joint, whose)} coef="{share!r}"/>' for joint, share in shares.items())
+        self.tendons.append(f"<fixed name={name}>{''.join(parts)}</fixed>")
+        return name
 
     def _anchored(self, loop, name):
         if loop.kind == "distance":

@@ -138,7 +138,18 @@ class DrawnRun:
 
 
 def picture(
-    mech, sol, *, fps, speed=1.0, traces=(), forces=False, loop=True, beside=True, first=None, times=None, smooth=False,
+    mech,
+    sol,
+    *,
+    fps,
+    speed=1.0,
+    traces=(),
+    forces=False,
+    loop=True,
+    beside=True,
+    first=None,
+    times=None,
+    smooth=False,
     over=False,
 ) -> dict:
     """The replay as a page needs it, places in axes with y up; parameters as in :func:`pinconsist.export_html`.
