@@ -27,6 +27,8 @@ from .gradients.sensitivities import Gradient as Gradient
 from .gradients.sensitivities import Sensitivities as Sensitivities
 from .gradients.sensitivities import gradient as gradient
 from .gradients.sensitivities import sensitivities as sensitivities
+from .judging.judge import Judgement as Judgement
+from .judging.judge import referee as referee
 from .mechanism.assembly import Assembly as Assembly
 from .mechanism.assembly import assemble as assemble
 from .mechanism.custom import Constraint as Constraint

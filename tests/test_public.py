@@ -59,6 +59,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
     "JointFriction": {"label": None, "bind": "model"},
     "JointSpring": {"label": None, "bind": "model"},
     "JointTorque": {"label": None, "bind": "model"},
+    "Judgement": {"of": "tool", "to_csv": "file", "to_html": "file | run speed"},
     "Linearization": {"A": None, "derivatives": "parameters theta", "modes": ""},
     "Loop": {"rows": None, "placement1": None, "placement2": None},
     "Mechanism": {

@@ -21,6 +21,7 @@ from ..run.interrupts import ended_like_ctrl_c, ignored_from_now_on, interrupted
 from .check import check, models
 from .compare import compare
 from .output import FAILED, INTERRUPTED, WRONG_INPUT, in_options, message, print_error, print_json, rescued
+from .referee import referee
 from .replay import plot, render, replay
 from .sensitivity import sensitivity
 from .simulate import rerun, resume, simulate
@@ -43,6 +44,7 @@ right from the first step on.
   pinconsist sweep four_bar --vary crank=0:1:.1   many runs, in a table
   pinconsist sensitivity four_bar --of crank --to mass
                                                   effect of parameters
+  pinconsist referee four_bar                     how wrong other simulators are
 
 A scene is a built-in name, a .urdf, .sdf or .xml (MJCF) file, or a folder that
 contains one .urdf. Options of a command: pinconsist COMMAND --help"""
@@ -67,6 +69,7 @@ COMMANDS: dict[Callable, str] = {
     sweep: "1 a case failed (its row has the reason); 2 wrong input; 130 interrupted (the rows so far are in "
     "FILE.csv.partial)",
     sensitivity: f"{SCENE}; 130 interrupted",
+    referee: f"{SCENE}; 130 interrupted",
 }
 """Each command and its exit codes other than 0."""
 

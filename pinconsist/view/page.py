@@ -24,8 +24,9 @@ log = logging.getLogger(__name__)
 
 
 def export_html(
-    mech, sol, file, *, speed: float = 1.0, fps: float = FPS, traces=(), forces: bool = False, panel: bool = True
-) -> Path:
+    mech, sol, file, *, speed: float = 1.0, fps: float = FPS, traces=(), forces: bool = False, panel: bool = True,
+    over: bool = False,
+) -> Path:  # fmt: skip
     """Write the motion as one page that plays in any browser, also offline.
 
     Beside the motion are the curves of forces, torques, energies, joints, steps, orders and joint forces, with their
@@ -66,6 +67,9 @@ def export_html(
         loads, are named, not drawn.
     panel : bool
         If False, the page has only the motion and its player.
+    over : bool
+        Draw several solutions over each other instead of side by side: the first one as it is, the others in one clear
+        colour.
 
     Returns
     -------
@@ -79,7 +83,8 @@ def export_html(
     MissingExtraError, OSError
         meshcat is not installed; the file cannot be written.
     """
-    return write_page(file, mech, sol, speed=speed, fps=fps, traces=traces, forces=forces, panel=panel)
+    options = {"speed": speed, "fps": fps, "traces": traces, "forces": forces, "panel": panel, "over": over}
+    return write_page(file, mech, sol, **options)
 
 
 def write_page(file, mech, sol, **options) -> Path:

@@ -17,7 +17,7 @@ from .arrows import COLORS, FORCE, JOINT, MOMENT, RIGHT, UNITS, WRONG, Action
 from .commands import Node, animated, draw, floor, line, outline, stage, transform, view_axes, y_up
 from .curves import packed, panel, verdicts
 from .motion import Run, body_poses, in_world, on_joint, playing_times, point_in_world, runs_of
-from .shapes import CLOSED, Shape, ball, bars, covering, simple_shapes, skeleton, springs
+from .shapes import CLOSED, LINK_COLORS, Shape, ball, bars, covering, simple_shapes, skeleton, springs
 
 TRACES = (0x00838F, 0xBF360C, 0x33691E, 0x4527A0, 0x8D6E63)
 SEATS = {kind: "in its shell" for kind in ("point", "frame", "hinge", "universal")}
@@ -25,6 +25,7 @@ SEATS |= {"slider": "on its rail", "cylinder": "on its rail", "plane": "on its p
 ACTS = {(FORCE, False): "force", (FORCE, True): "drive force", (MOMENT, False): "moment", (MOMENT, True): "torque"}
 ACTS |= {(JOINT, True): "force"}  # kind, and whether it acts in a joint instead of on a body
 NAMED = 3  # largest number of bodies in a line of the legend
+GHOST, CLEAR = 0xD55E00, 0.45  # colour and opacity of a run over another one
 POINT = 1e-12  # m; anything smaller counts as a point
 BEND = 1e-3  # distance from straight lines between frames, relative to the size of the picture: about a pixel
 ENCLOSED = 40  # frames in which the points that the camera shows are looked for
@@ -34,8 +35,9 @@ GAP = 0.3  # between neighbours, relative to the size of the picture
 class DrawnRun:
     """The drawing of one run, in the axes of its own world."""
 
-    def __init__(self, whole: Run, elapsed: np.ndarray, path: str, visuals: list[Shape]):
+    def __init__(self, whole: Run, elapsed: np.ndarray, path: str, visuals: list[Shape], ghost: bool = False):
         self.whole, self.path, self.visuals = whole, path, visuals  # shapes of the robot file
+        self.ghost = ghost  # drawn over another run, in one colour that lets it be seen
         self.run = whole.at(elapsed)  # at the frames' times
         self.bodies = body_poses(self.run.mech.model, self.run.q)  # (m, njoints, 7)
         self.skeleton = skeleton(self.run.mech, self.bodies)  # (m, k, 3), joints, link ends and anchors
@@ -99,6 +101,9 @@ class DrawnRun:
         self.nodes += [Node(path, poses[:, k]) for k, path in enumerate(paths) if k]
         shapes = self.visuals + simple_shapes(mech, bodies, size, covering(self.visuals))
         labelled = self._labelled()
+        if self.ghost:
+            labelled, marks = set(), []
+            shapes = [replace(each, color=GHOST, opacity=CLEAR) for each in shapes if each.node]
         for k, shape in enumerate(shapes + marks):
             part = "loop" if shape.on_top and shape.loop else "body" if shape.node else "ground"
             about = {"part": part, "name": shape.loop or names[shape.node], "run": number}
@@ -133,7 +138,19 @@ class DrawnRun:
 
 
 def picture(
-    mech, sol, *, fps, speed=1.0, traces=(), forces=False, loop=True, beside=True, first=None, times=None, smooth=False
+    mech,
+    sol,
+    *,
+    fps,
+    speed=1.0,
+    traces=(),
+    forces=False,
+    loop=True,
+    beside=True,
+    first=None,
+    times=None,
+    smooth=False,
+    over=False,
 ) -> dict:
     """The replay as a page needs it, places in axes with y up; parameters as in :func:`pinconsist.export_html`.
 
@@ -143,12 +160,13 @@ def picture(
     s of playing, instead of even ones. `smooth` makes as many frames as straight lines between them need.
     """
     forces, loop, beside = flag(forces, "forces"), flag(loop, "loop"), flag(beside, "panel")
+    over = flag(over, "over")
     runs = runs_of(mech, sol, forces=forces)
     if first is not None:
         runs = [replace(run, true=replace(run, q=first.q, lam=first.lam)) for run in runs]
     traces = _frames(traces, runs)
     told = verdicts(runs) if beside and not first else []  # before the curves, which say what is not unique
-    drawn, clock, size = _drawn(runs, speed, fps, times, smooth)
+    drawn, clock, size = _drawn(runs, speed, fps, times, smooth, over)
     not_drawn = NotDrawn.of(drawn) if forces or beside else NotDrawn()
     acting, scales, hidden = [], dict.fromkeys(UNITS), set()
     if forces:
@@ -157,10 +175,10 @@ def picture(
         each.draw(number, size, traces, scales, hidden)
     axes, planar = view_axes([each.skeleton for each in drawn])
     start, end = runs[0].t[[0, -1]]
-    return _scene(drawn, axes, planar, size, clock) | {
+    return _scene(drawn, axes, planar, size, clock, over) | {
         "clock": [start, speed * (-1.0 if end < start else 1.0), float(clock[-1]), len(clock)],
         "loop": loop,
-        "legend": _legend(runs, traces, forces, scales, acting, not_drawn),
+        "legend": (_over(runs) if over else []) + _legend(runs, traces, forces, scales, acting, not_drawn),
         "cuts": [cut for each in drawn for cut in each.cuts],
         "panel": panel(runs, size, not_drawn.all, planar) if beside else None,
         "verdicts": told,
@@ -168,7 +186,9 @@ def picture(
     }
 
 
-def _drawn(runs: list[Run], speed: float, fps: float, times, smooth: bool) -> tuple[list[DrawnRun], np.ndarray, float]:
+def _drawn(
+    runs: list[Run], speed: float, fps: float, times, smooth: bool, over: bool
+) -> tuple[list[DrawnRun], np.ndarray, float]:
     """The runs at the times of the frames, these times, s of playing, and the size of the picture, m.
 
     Parameters are as in :func:`picture`.
@@ -179,7 +199,9 @@ def _drawn(runs: list[Run], speed: float, fps: float, times, smooth: bool) -> tu
     paths = [f"/{k + 1} {_part(run.title)}" if len(runs) > 1 else "" for k, run in enumerate(runs)]
 
     def drawn_at(clock):
-        return [DrawnRun(run, clock * speed, path, of_file(run.mech)) for run, path in zip(runs, paths, strict=True)]
+        ghosts = [over and k > 0 for k in range(len(runs))]
+        each = zip(runs, paths, ghosts, strict=True)
+        return [DrawnRun(run, clock * speed, path, of_file(run.mech), ghost) for run, path, ghost in each]
 
     clock = playing_times(runs, speed, fps) if times is None else times
     drawn = drawn_at(clock)
@@ -240,16 +262,18 @@ def _act(drawn: list[DrawnRun], size: float, not_drawn: NotDrawn, beside: bool) 
     return acting, scales, {JOINT} if seen else set()
 
 
-def _scene(drawn: list[DrawnRun], axes: np.ndarray, planar: bool, size: float, clock: np.ndarray) -> dict:
-    """The commands that draw and move the runs beside each other, the view of them, and their titles."""
-    placed = list(zip(drawn, _offsets([each.extent for each in drawn], axes[0], size), strict=True))
+def _scene(drawn: list[DrawnRun], axes: np.ndarray, planar: bool, size: float, clock: np.ndarray, over: bool) -> dict:
+    """The commands that draw and move the runs beside or `over` each other, the view of them, and their titles."""
+    offsets = [np.zeros(3)] * len(drawn) if over else _offsets([each.extent for each in drawn], axes[0], size)
+    placed = list(zip(drawn, offsets, strict=True))
     commands = [command for each in drawn for command in each.commands]
     commands += [transform(each.path, pin.SE3(np.eye(3), offset).homogeneous) for each, offset in placed if each.path]
     commands += stage(axes, size)
     if not planar:
         commands.append(floor(np.concatenate([each.body + offset for each, offset in placed]), size))
     commands += animated([node for each in drawn for node in each.nodes], clock)
-    titles = [(each.run.title, _below(each.body, axes, size) + offset) for each, offset in placed if each.run.title]
+    named = [] if over else [pair for pair in placed if pair[0].run.title]
+    titles = [(each.run.title, _below(each.body, axes, size) + offset) for each, offset in named]
     seen = [*(each.extent + offset for each, offset in placed), *(place[None] for _, place in titles)]
     view = {"axes": [y_up(axis) for axis in axes], "planar": planar, "size": size}
     return {
@@ -315,6 +339,14 @@ def _legend(runs, traces, forces: bool, scales, acting, not_drawn: NotDrawn) -> 
     elif forces and not any(scales.values()):
         out.append({"color": COLORS[FORCE], "text": "no forces to draw"})
     return out
+
+
+def _over(runs) -> list[dict]:
+    """Which of the runs over each other is which."""
+    return [
+        {"color": GHOST if k else LINK_COLORS[0], "text": f"{run.title}{'' if k else ', in the colours of its bodies'}"}
+        for k, run in enumerate(runs)
+    ]
 
 
 def _bar(kind: str, scale, acting: list[Action]) -> dict:

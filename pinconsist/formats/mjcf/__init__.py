@@ -63,6 +63,36 @@ def read(path: Path, name: str, folders) -> RobotFile:
     return RobotFile(tree.model, shapes, closures, forces=forces, guess=guess, actuated=actuated, ignored=ignored)
 
 
+@dataclass(frozen=True)
+class SolverSettings:
+    """How an MJCF file has MuJoCo solve: step, s, name of the integrator, other options, and equalities by loop."""
+
+    timestep: float
+    integrator: str
+    options: dict
+    equalities: dict  # loop → (solref, solimp)
+
+
+SOLVING = ("solver", "iterations", "tolerance", "ls_iterations", "ls_tolerance", "impratio")
+
+
+def solver_settings(path, folders=()) -> SolverSettings:
+    """The settings of the solver in an MJCF file; FormatError for a file that cannot be read."""
+    import mujoco
+
+    path = Path(path)
+    m, _ = Source(path, [*folders, path.parent]).compiled()
+    kinds = [mujoco.mjtEq(int(kind)).name.removeprefix("mjEQ_").lower() for kind in m.eq_type]
+    names = [m.eq(e).name or f"{kind}{e + 1}" for e, kind in enumerate(kinds)]
+    equalities = {
+        name: (tuple(m.eq_solref[e].tolist()), tuple(m.eq_solimp[e].tolist())) for e, name in enumerate(names)
+    }
+    integrator = mujoco.mjtIntegrator(int(m.opt.integrator)).name.removeprefix("mjINT_")
+    integrator = {"EULER": "Euler", "RK4": "RK4"}.get(integrator, integrator.lower())
+    options = {key: getattr(m.opt, key) for key in SOLVING}
+    return SolverSettings(float(m.opt.timestep), integrator, options, equalities)
+
+
 def _visible(m, stand_ins, bodies, meshes) -> str:
     """The visible shapes as URDF, without planes, height fields, ellipsoids, and meshes outside the folder."""
     robot, links = fixed_links(bodies)  # all fixed to the world: the frames of the model give their poses
