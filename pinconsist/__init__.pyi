@@ -10,6 +10,8 @@ from .analysis.inverse_dynamics import inverse_dynamics as inverse_dynamics
 from .analysis.linearize import Linearization as Linearization
 from .analysis.linearize import linearize as linearize
 from .analysis.modes import Modes as Modes
+from .analysis.serial import SerialEquivalent as SerialEquivalent
+from .analysis.serial import serial_equivalent as serial_equivalent
 from .analysis.variations import Derivatives as Derivatives
 from .certificate import Certificate as Certificate
 from .dae.events import Event as Event

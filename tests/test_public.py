@@ -96,6 +96,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
     "Piecewise": {"label": None, "bind": "model"},
     "Sampled": {"label": None, "bind": "model"},
     "Sensitivities": {"at": "t", "of": "function"},
+    "SerialEquivalent": {"to_yaml": "file", "to_mjcf": "file"},
     "Servo": {"label": None, "bind": "model"},
     "Simulation": {
         "reset": "q0 v0 t0",

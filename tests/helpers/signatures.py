@@ -43,6 +43,8 @@ PARAMETERS = {  # those after the bar by name only
     "Rerun": "same differences solution",
     "Sampled": "period law joints delay",
     "Sensitivities": "solution names values steps dq dv dlam event_times work",
+    "SerialEquivalent": "joints motors q T rotors linkage inertia armature torque_vertices torque torque_together speed"
+    " speed_together position stiffness_matrix damping_matrix stiffness damping cost",
     "Servo": "joint target stiffness damping rate",
     "Simulation": "mech q0 v0 | t0 method step order rtol atol forces events max_step backend",
     "Solution": "t q v lam success status message nsteps nfev njev nlu rejected h order method scene recipe versions"
@@ -77,6 +79,7 @@ PARAMETERS = {  # those after the bar by name only
     "rerun": "file | scene forces callback",
     "resume": "file | scene forces callback",
     "sensitivities": "build theta t_span q0 v0 | names steps forces events rtol atol **options",
+    "serial_equivalent": "mech joints motors q0 | efforts speeds stiffness damping workspace",
     "simulate": f"mech t_span q0 v0 | {HOW.replace('forces', 'forces control')}",
     "sweep": "function cases | executor callback",
     "write": "mechanism path",
