@@ -197,12 +197,13 @@ def serial_equivalent(
     torques, speed = (_alone(rule, here.T, limit) for rule, limit in zip((_torque, _speed), limits, strict=True))
     best = [None if gain is None else _mean([_seen(each.T, gain) for each in every]) for gain in gains]
     armature = _mean([each.rotors + each.linkage for each in every])
+    matrices = [None if gain is None else _seen(here.T, gain) for gain in gains]
     cost = _cost(chain, grid, every, armature, limits, gains, best)
     return SerialEquivalent(
         joints, chain.motors, chain.q, here.T, here.rotors, here.linkage, here.inertia, armature,
         _corners(here.T, limits[0]), torques, _together(_torque, here.T, limits[0], torques), speed,
         _together(_speed, here.T, limits[1], speed), position,
-        *(None if gain is None else _seen(here.T, gain) for gain in gains), *best, cost, chain.units,
+        matrices[0], matrices[1], best[0], best[1], cost, chain.units,
     )  # fmt: skip
 
 
@@ -337,7 +338,7 @@ class _Chain:
 
     def reached(self, grid) -> list[np.ndarray]:
         """The configurations of a workspace that can be reached, row by row from the nearest end of the last one."""
-        axes = [np.linspace(*grid[joint], POINTS) for joint in self.joints]
+        axes = [np.linspace(low, high, POINTS) for low, high in (grid[joint] for joint in self.joints)]
         found, q = [], self.q
         for first in product(*axes[:-1]):
             row = q
