@@ -5,6 +5,8 @@ from .accuracy import GlobalError as GlobalError
 from .analysis.actuation import Actuation as Actuation
 from .analysis.equilibrium import Equilibrium as Equilibrium
 from .analysis.equilibrium import equilibrium as equilibrium
+from .analysis.forward_dynamics import ForwardDynamics as ForwardDynamics
+from .analysis.forward_dynamics import forward_dynamics as forward_dynamics
 from .analysis.inverse_dynamics import InverseDynamics as InverseDynamics
 from .analysis.inverse_dynamics import inverse_dynamics as inverse_dynamics
 from .analysis.linearize import Linearization as Linearization
