@@ -4,11 +4,15 @@ from . import paper as paper
 from .analysis.actuation import Actuation as Actuation
 from .analysis.equilibrium import Equilibrium as Equilibrium
 from .analysis.equilibrium import equilibrium as equilibrium
+from .analysis.forward_dynamics import ForwardDynamics as ForwardDynamics
+from .analysis.forward_dynamics import forward_dynamics as forward_dynamics
 from .analysis.inverse_dynamics import InverseDynamics as InverseDynamics
 from .analysis.inverse_dynamics import inverse_dynamics as inverse_dynamics
 from .analysis.linearize import Linearization as Linearization
 from .analysis.linearize import linearize as linearize
 from .analysis.modes import Modes as Modes
+from .analysis.serial import SerialEquivalent as SerialEquivalent
+from .analysis.serial import serial_equivalent as serial_equivalent
 from .analysis.variations import Derivatives as Derivatives
 from .engine.hessenberg import HessenbergProblem as HessenbergProblem
 from .errors import AssemblyError as AssemblyError

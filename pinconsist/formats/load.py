@@ -26,6 +26,14 @@ _THEIR_KINDS = {
     "RigidConstraintModel of type CONTACT_3D": "point",
     "RigidConstraintModel of type CONTACT_6D": "frame",
 }
+_CURES = {
+    "JointLimitConstraintModel": "Limits of joints do not act in runs, which watch them (sol.check()): leave it out. "
+    "What happens where a joint hits its stop: events=[pc.Impact(joint, upper=…)] of pc.simulate",
+    "JointFrictionConstraintModel": "Leave it out, and give friction as forces=[pc.JointFriction({joint: torque})]",
+    "PointContactConstraintModel": "Contacts that last are not modelled: leave it out. A foot that does not slide is a "
+    "PointAnchorConstraintModel or a pc.Loop of kind 'point'",
+}
+_OTHERWISE = "Limits, friction and contact are not modelled as constraints here (see help(pinconsist.Loop))"
 _MUST_VANISH = ("offset", "velocity", "acceleration")  # desired values of a constraint or a contact
 
 
@@ -243,9 +251,11 @@ def _kind(constraint, name):
     if which == "RigidConstraintModel":
         which += f" of type {constraint.type}"
     if which not in _THEIR_KINDS:
+        cure = _CURES.get(
+            which, "Limits, friction and contact are not modelled as constraints here (see help(pinconsist.Loop))"
+        )
         raise InputError(
-            f"constraint {name!r}: a {which} cannot be read as a loop; {', '.join(_THEIR_KINDS)} can. Limits, friction "
-            "and contact are not modelled as constraints here (see help(pinconsist.Loop))"
+            f"constraint {name!r}: a {which} cannot be read as a loop; {', '.join(_THEIR_KINDS)} can. {cure}"
         )
     for attribute in (f"desired_{of}_{what}" for of in ("constraint", "contact") for what in _MUST_VANISH):
         value = getattr(constraint, attribute, 0.0)

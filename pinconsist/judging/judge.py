@@ -16,6 +16,7 @@ from ..formats.mjcf import solver_settings
 from ..mechanism.assembly import Assembly, assemble
 from ..mechanism.checks import number
 from ..mechanism.mechanism import Mechanism, with_added_forces
+from ..mechanism.rigid import tilted_hinges
 from ..mechanism.system import MechanismSystem
 from .contestants import CONTESTANTS, FailedError, Rows, Setting, Task
 from .log import aligned, read_log
@@ -262,7 +263,7 @@ def _by_tools(tools, measure, start, below, budget, needed, mjcf) -> tuple[list[
     """The runs of simulators, and why others could not be judged."""
     mech, times = measure.mechanism, measure.reference.t
     of_file = None if mjcf is None or "mujoco" not in tools else solver_settings(mjcf)
-    task = Task(mech, start.q, start.v, times, _tilted(mech, start.q, float(times[0])), of_file)
+    task = Task(mech, start.q, start.v, times, tilted_hinges(mech, start.q, float(times[0])), of_file)
     rows, not_judged = [], {}
     for name in tools:
         try:
@@ -285,14 +286,6 @@ def _tools(tools) -> list[str]:
         if name not in CONTESTANTS:
             raise InputError(f"tools: unknown simulator {name!r}; choose from {', '.join(CONTESTANTS)}")
     return names
-
-
-def _tilted(mech, q, t) -> tuple[str, ...]:
-    """The hinges whose rows across the axis are needed; in planar loops they are not."""
-    system = MechanismSystem(mech, q, t)
-    labels = [system.rows.labels[row] for row in system.kept]
-    hinges = [loop.name for loop in mech.anchored_loops if loop.kind == "hinge"]
-    return tuple(name for name in hinges if any(of == name and row.startswith("tilt") for of, row in labels))
 
 
 def _judged(contestant, measure: Measure, below, budget) -> list[Judged]:

@@ -285,6 +285,19 @@ class Mechanism:
         found = correction(self, precision) if (precision := number(precision, "precision", least=0.0)) else None
         return self if found is None else found.mechanism
 
+    def to_pinocchio(self, q0=None) -> Any:
+        """The tuple (model, constraints, motors) with which ``pin.constraintDynamics`` has the same motion.
+
+        ``model`` is a copy of the tree. ``constraints`` are ``pin.RigidConstraintModel`` of the loops, in the axes of
+        anchor 1: points and frames; a hinge is a point, and a second one on its axis where loops are not planar.
+        Their contact forces act on body 1, and are -λ: :meth:`Solution.contact_forces`. ``motors`` are the names of
+        motorised joints. Assembly starts from `q0`, as in :meth:`reanchored`. Forces, drives and couplings are not part
+        of these; InputError for drives, couplings, user-defined constraints and loops of other kinds.
+        """
+        from .rigid import to_pinocchio
+
+        return to_pinocchio(self, q0)
+
     def reanchored(self, q0=None) -> Mechanism:
         """The same mechanism with every loop's anchor 2 moved to where anchor 1 fits best.
 

@@ -3,11 +3,15 @@
 Of the loop kinds a point and a frame have such a model; two points hold a hinge.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
+from .assembly import assemble
 from .checks import frame_of, workspace
+from .closing import LoopSolver
 from .loops import Loop, unit
 
 KINDS = ("point", "frame", "hinge")
@@ -43,6 +47,39 @@ def _ends(model, loop, shift):
         frame = frame_of(model, name, f"loop {loop.name!r}")
         found += [frame.parentJoint, frame.placement * place * moved]
     return found
+
+
+class PinocchioModel(NamedTuple):
+    """A mechanism as Pinocchio has it.
+
+    Attributes
+    ----------
+    model : pin.Model
+        The tree; a copy.
+    constraints : list of pin.RigidConstraintModel
+        The loops, for ``pin.constraintDynamics``.
+    motors : tuple of str
+        Names of motorised joints.
+    """
+
+    model: pin.Model
+    constraints: list
+    motors: tuple[str, ...]
+
+
+def to_pinocchio(mechanism, q0=None) -> PinocchioModel:
+    """See :meth:`Mechanism.to_pinocchio`."""
+    contact_models(mechanism)  # what it does not have is told before assembly
+    models = contact_models(mechanism, tilted_hinges(mechanism, assemble(mechanism, q0).q))
+    return PinocchioModel(mechanism.model.copy(), models, tuple(mechanism.actuated))
+
+
+def tilted_hinges(mechanism, q, t=0.0) -> tuple[str, ...]:
+    """The hinges whose rows across the axis are needed at a closed configuration; in planar loops they are not."""
+    solver = LoopSolver(mechanism, t)
+    labels = [solver.loop_rows.labels[row] for row in solver.kept(q)]
+    hinges = [loop.name for loop in mechanism.anchored_loops if loop.kind == "hinge"]
+    return tuple(name for name in hinges if any(of == name and row.startswith("tilt") for of, row in labels))
 
 
 class RigidDynamics:

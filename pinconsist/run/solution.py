@@ -309,6 +309,45 @@ class Solution(ByName):
         """
         return reaction(self._states(mechanism, "reaction"), loop, axes, compliance)
 
+    def contact_forces(self, mechanism=None, *, axes: str = "anchor") -> dict[str, np.ndarray]:
+        """The forces of all loops in the sign of Pinocchio's contact forces: on body 1, −λ of its loops.
+
+        ``pin.constraintDynamics`` leaves such in ``contact_force`` of its constraint data. Loop → forces, N, shape
+        (n, 3), for points and distances; for other kinds forces and moments, N·m, shape (n, 6), about anchor 2, which
+        is at anchor 1 if the loop is closed there. `axes` are "anchor", those of anchor 1 (``pin.LOCAL`` of a contact),
+        or "world" (``pin.LOCAL_WORLD_ALIGNED``). `mechanism` is as in :meth:`reaction`; raises InputError as there.
+        """
+        scene, found = self._mechanism(mechanism, "reaction"), {}
+        for loop in scene.anchored_loops:
+            its = self.reaction(loop.name, mechanism, axes=axes)
+            parts = [its.force] if loop.kind in ("point", "distance") else [its.force, its.moment]
+            found[loop.name] = -np.hstack([part for part in parts if part is not None])
+        return found
+
+    def play(self, viewer, mechanism=None, *, speed: float = 1.0, fps: float = 50.0) -> None:
+        """Play the motion in a viewer of your own, in real time: :meth:`export_html` and :func:`replay` need none.
+
+        Parameters
+        ----------
+        viewer : object
+            Anything with ``display(q)``, such as Pinocchio's ``MeshcatVisualizer``. If it has a ``model``, that may
+            store angles otherwise than the mechanism, in another order, or lack joints: joints are found by name.
+        mechanism : Mechanism, optional
+            As in :meth:`check`.
+        speed : float
+            Seconds of motion per second.
+        fps : float
+            Frames per second.
+
+        Raises
+        ------
+        InputError
+            No such viewer, or one with joints that the mechanism does not have.
+        """
+        from .view.play import play
+
+        play(self, self._mechanism(mechanism, "at"), viewer, speed, fps)
+
     def joint_force(
         self, joint: str, mechanism=None, *, axes: str = "world", compliance: Mapping | None = None
     ) -> JointForce:

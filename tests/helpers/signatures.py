@@ -17,6 +17,7 @@ PARAMETERS = {  # those after the bar by name only
     "Energy": "t kinetic potential elastic total stored power work error",
     "Equilibrium": "mechanism t q lam residual stiffness neutral iterations",
     "Event": "function terminal direction apply name",
+    "ForwardDynamics": "a lam",
     "GlobalError": "q v force q_at v_at force_at tolerances units",
     "Gradient": "value gradient names solution",
     "HeldTorque": "times torques joints linear",
@@ -43,6 +44,8 @@ PARAMETERS = {  # those after the bar by name only
     "Rerun": "same differences solution",
     "Sampled": "period law joints delay",
     "Sensitivities": "solution names values steps dq dv dlam event_times work",
+    "SerialEquivalent": "joints motors q T rotors linkage inertia armature torque_vertices torque torque_together speed"
+    " speed_together position stiffness_matrix damping_matrix stiffness damping cost",
     "Servo": "joint target stiffness damping rate",
     "Simulation": "mech q0 v0 | t0 method step order rtol atol forces events max_step backend",
     "Solution": "t q v lam success status message nsteps nfev njev nlu rejected h order method scene recipe versions"
@@ -54,6 +57,7 @@ PARAMETERS = {  # those after the bar by name only
     "assemble": "mechanism q0 v0 | fixed t tolerance",
     "equilibrium": "mechanism q0 | forces t stable",
     "export_html": "mech sol file | speed fps traces forces panel over",
+    "forward_dynamics": "mech q v tau | forces t",
     "integrate": f"system t_span p0 v0 | {HOW.replace('forces ', '')}",
     "gradient": "build theta t_span q0 v0 | rows terminal names steps forces events t_eval rtol atol **options",
     "inverse_dynamics": "mechanism times q0 | forces",
@@ -77,6 +81,7 @@ PARAMETERS = {  # those after the bar by name only
     "rerun": "file | scene forces callback",
     "resume": "file | scene forces callback",
     "sensitivities": "build theta t_span q0 v0 | names steps forces events rtol atol **options",
+    "serial_equivalent": "mech joints motors q0 | efforts speeds stiffness damping workspace",
     "simulate": f"mech t_span q0 v0 | {HOW.replace('forces', 'forces control')}",
     "sweep": "function cases | executor callback",
     "write": "mechanism path",

@@ -151,6 +151,17 @@ class Held(HeldRecord):
         return BoundHeld(model.nv, table[:, 0], np.ascontiguousarray(table[:, 1:]), self.sign, self.linear)
 
 
+class Given(BoundHeld):
+    """Torques (nv,) that are given before each evaluation."""
+
+    def __init__(self, nv):
+        super().__init__(nv, [-np.inf], [np.zeros(nv)])
+
+    def give(self, torque) -> None:
+        self._torques[0] = torque
+        self._fill()
+
+
 @dataclass(frozen=True, eq=False)
 class HeldTorque(HeldRecord):
     """A table of torques, held (zero-order hold) or interpolated linearly. Steps end at its times.
