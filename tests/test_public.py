@@ -114,6 +114,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
         "at": "t mechanism",
         "energy": "mechanism",
         "evaluate": "quantity mechanism",
+        "plot": "*pictures | file mechanism",
         "series": "quantity mechanism",
         "reaction": "loop mechanism | axes compliance",
         "joint_force": "joint mechanism | axes compliance",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from .quantities import Quantity, Series
 from .results import ByName
 from .solution_file import read, skipped_work, summary_of, write
 from .states import states_at
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -390,6 +393,44 @@ class Solution(ByName):
                 f"the run had {forces} forces besides the model's own, but this mechanism has "
                 f"{len(mechanism.forces)}: add those of simulate(forces=...) by mechanism.add_forces(...)"
             )
+
+    def plot(self, *pictures: str, file=None, mechanism=None) -> Figure:
+        """A figure (matplotlib) of the solution, with some pictures under each other.
+
+        Parameters
+        ----------
+        *pictures : str
+            Of ``"trajectory"``: q and v over time; ``"multipliers"``: λ of each row, its first twenty steps once
+            more, magnified; from exact initial values (``consistency="exact"``) the rows after the first are wrong by
+            O(1), whatever the step size (Arévalo 2008); ``"forces"``: the sizes of force, N, and moment, N·m, in each
+            loop and joint, with a star where they are not unique; ``"drift"``: the largest size of Φ and of J v + Φ_t
+            of each loop; ``"energy"``: energies and work, J, and the error of their balance; ``"steps"``: step size, s,
+            and order; ``"phase"``: velocity over configuration of the twelve widest joints of one degree of freedom.
+            Default: trajectory and multipliers.
+        file : path, optional
+            File to which the figure is written, whole or not at all; an existing file is replaced. The ending chooses
+            the format, such as ``.png``, ``.pdf`` or ``.svg``. Default: the figure is only returned.
+        mechanism : Mechanism, optional
+            As in :meth:`check`; its joints and loop rows name the curves.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            A figure without a window, not registered with pyplot; a notebook shows it.
+
+        Raises
+        ------
+        InputError
+            Sizes that do not fit, an unknown picture, one that this solution does not have (``"steps"`` of one with
+            ``t_eval``), or a file ending that matplotlib cannot write.
+        MissingExtraError
+            matplotlib is not installed.
+        OSError
+            The file cannot be written.
+        """
+        from ..view.plots import BOTH, pictures_of
+
+        return pictures_of(self, pictures or BOTH, file, mechanism)
 
     def render(self, file, mechanism=None, *, speed=1.0, traces=(), forces=False, at=()) -> Path:
         """The path of a film of the motion, ``.mp4`` or ``.gif``, or of drawings of a planar mechanism, ``.svg``.
