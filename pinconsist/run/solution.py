@@ -125,7 +125,7 @@ class Solution(ByName):
         for k, name in enumerate("tqv"):
             values[f"{name}_events"] = [np.array([row[k] for row in rows]) for rows in trajectory.events]
         outcome = ("status", "message", "nsteps", "nfev", "njev", "nlu", "rejected")
-        scene, values["held"] = getattr(system, "mechanism", None), getattr(system, "held", {})
+        scene, values["held"] = system.mechanism, getattr(system, "held", {})
         about: dict[str, Any] = {"skipped": skipped_work(trajectory)}
         about |= {"forces": len(scene.forces)} if scene else {}
         about |= {"control": control} if scene and (control := commands(scene)) else {}
@@ -142,12 +142,12 @@ class Solution(ByName):
             made = self.method.get("method", "")
             sizes = ", ".join(f"{name} {getattr(self, name).shape}" for name in ("q", "v", "lam"))
             lines += [f"  t     {self.t[0]:g} … {self.t[-1]:g} s, {made}", f"  rows  {sizes}"]
-        mechanism = getattr(self.system, "mechanism", None)
+        mechanism = self.mechanism
         return "\n".join([*lines, *str(mechanism).splitlines()[1:]])
 
     def _repr_mimebundle_(self, include=None, exclude=None):
         """For notebooks: the text; for a run of a mechanism also a picture and the page that plays it."""
-        bundle, mechanism = {"text/plain": repr(self)}, getattr(self.system, "mechanism", None)
+        bundle, mechanism = {"text/plain": repr(self)}, self.mechanism
         if mechanism is not None and len(self.t) > 1:
             from ..view.page import notebook_html
 
@@ -169,7 +169,7 @@ class Solution(ByName):
 
         None for a general problem, and for a solution that was read from a file or copied.
         """
-        return getattr(self.system, "mechanism", None)
+        return None if self.system is None else self.system.mechanism
 
     def check(self, mechanism=None, error=None) -> Certificate:
         """The verdict on the run, and the figures behind it, evaluated in a separate system: see :class:`Certificate`.
@@ -224,7 +224,7 @@ class Solution(ByName):
         `mechanism` is as in :meth:`check`. Raises InputError as there, and for times in another order or outside of the
         run.
         """
-        general = mechanism is None and self.system is not None and not hasattr(self.system, "mechanism")
+        general = mechanism is None and self.system is not None and self.mechanism is None
         scene = None if general else self._mechanism(mechanism, "at")
         self._require_forces(mechanism)
         times = np.atleast_1d(finite_array(t, "t"))
@@ -282,7 +282,7 @@ class Solution(ByName):
         `mechanism` is as in :meth:`check`. Raises InputError as there, and for a general problem.
         """
         self._require_scene(mechanism, "energy")
-        mechanism = self._replayed(mechanism) or getattr(self.system, "mechanism", None)
+        mechanism = self._replayed(mechanism) or self.mechanism
         if mechanism is None:
             raise InputError("energy is defined for mechanisms only, not for a general problem")
         workspace = self._workspace(mechanism.model)
@@ -359,7 +359,7 @@ class Solution(ByName):
     def _mechanism(self, mechanism, method) -> Mechanism:
         require_mechanism(self, mechanism)
         replay = method not in ("position", "velocity", "reaction")  # these need no forces
-        found = (self._replayed(mechanism) if replay else mechanism) or getattr(self.system, "mechanism", None)
+        found = (self._replayed(mechanism) if replay else mechanism) or self.mechanism
         if found is None:
             where = "a solution that was read from a file or copied needs its mechanism here: "
             where += f"sol.{method}(…, mechanism)"
@@ -368,12 +368,12 @@ class Solution(ByName):
 
     def _replayed(self, mechanism):
         """`mechanism`, by default that of the run, with the recorded torques; None if there are none and no default."""
-        own = getattr(self.system, "mechanism", None) if self.held else None
+        own = self.mechanism if self.held else None
         return replayed(mechanism or own, self)
 
     def _workspace(self, model) -> Workspace:
         """A workspace for evaluations, which reuses that of the run if it has the same model."""
-        system = self.system if getattr(self.system, "model", None) is model else None
+        system = self.system if self.system is not None and self.system.model is model else None
         return Workspace(model, blank_system, system and system.data)
 
     def _require_scene(self, mechanism, method):
