@@ -9,7 +9,6 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from pinconsist import plot_work_precision
 from pinconsist.cli import output
 from pinconsist.cli.scene import Number, Texts, option
 
@@ -18,6 +17,7 @@ from .equal_error import COMPARED, Equal
 from .peers import OWN
 from .peers.scenes import problem_of
 from .work_precision import TOLERANCES, work_precision
+from .work_precision_figure import plot_work_precision
 
 SCENE = "crank_rocker"
 

@@ -281,7 +281,7 @@ def figure_of(name):
     """The figure of an example."""
     result = example(name).run()
     if name not in FIGURES:
-        return pc.plot_comparison(result.runs)
+        return pc.paper.plot_comparison(result.runs)
     mech, sol = result[0], result[-1]
     curve, time, traces = FIGURES[name]
     with matplotlib.rc_context(LOOK):

@@ -11,7 +11,7 @@ from importlib import import_module as _import_module
 
 from .engine import trouble as _trouble
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 with open(_os.path.splitext(__file__)[0] + ".pyi", encoding="utf-8") as _stub:
     _MODULE_OF = {name: module for module, name in _re.findall(r"^from \.(\S+) import (\w+)", _stub.read(), _re.M)}

@@ -76,16 +76,6 @@ from .run.sweeps import sweep as sweep
 from .view.page import export_html as export_html
 from .view.page import replay as replay
 from .view.plots import plot as plot
-from .view.plots import plot_comparison as plot_comparison
-from .view.plots import plot_drift as plot_drift
-from .view.plots import plot_energy as plot_energy
-from .view.plots import plot_forces as plot_forces
-from .view.plots import plot_multipliers as plot_multipliers
-from .view.plots import plot_phase as plot_phase
-from .view.plots import plot_solution as plot_solution
-from .view.plots import plot_steps as plot_steps
-from .view.plots import plot_trajectory as plot_trajectory
-from .view.plots import plot_work_precision as plot_work_precision
 
 __version__: str
 __all__: list[str]

@@ -24,7 +24,7 @@ MAY_IMPORT = {
     "view": {"mechanism", "files", "errors"},
     "run": {"engine", "mechanism", "formats", "view", "files", "errors"},
     "gradients": {"run", "engine", "mechanism", "errors"},
-    "paper": {"run", "engine", "mechanism", "errors"},
+    "paper": {"run", "view", "engine", "mechanism", "errors"},
     "judging": {"run", "engine", "formats", "view", "mechanism", "files", "errors"},
     "cli": {"__init__", "paper", "judging", "run", "view", "formats", "mechanism", "files", "errors"},
 }

@@ -523,12 +523,12 @@ def test_a_check_that_is_interrupted_leaves_all_files(run, monkeypatch):
 
 
 def test_ctrl_c_while_files_are_written_waits_for_them(run, monkeypatch):
-    def drawn(*arguments):
+    def drawn(*arguments, **options):
         os.kill(os.getpid(), signal.SIGINT)
-        return draw(*arguments)
+        return draw(*arguments, **options)
 
-    draw = pinconsist.plot_solution
-    monkeypatch.setattr("pinconsist.plot_solution", drawn)
+    draw = pinconsist.Solution.plot
+    monkeypatch.setattr(pinconsist.Solution, "plot", drawn)
     code, out, err = run("simulate", "four_bar", "--until", 0.1, "--plot", "run.svg")
     assert code == 130 and out.endswith("\nwritten: run.svg\n") and "pinconsist: interrupted" in err
     assert Path("run.svg").stat().st_size

@@ -7,6 +7,7 @@ import pytest
 from helpers.command_line import called
 
 import pinconsist as pc
+from pinconsist.view.plots import pictures_of
 
 
 @pytest.fixture(scope="module")
@@ -34,14 +35,14 @@ def test_figures_say_what_they_need(name, wrong):
 def test_a_figure_of_several_runs_is_plot(sol):
     pytest.importorskip("matplotlib")
     with pytest.raises(pc.InputError, match=r"got dict; pc.plot\(\{name: run, …\}, quantity\) draws several runs"):
-        pc.plot_trajectory({"a": sol})
+        pictures_of({"a": sol}, ["trajectory"])
 
 
 @pytest.mark.parametrize("wrong", [[3], ["text"], {"a": None}, [{"h": 0.1}]], ids=repr)
 def test_a_comparison_needs_its_rows(wrong):
     pytest.importorskip("matplotlib")
     with pytest.raises(pc.InputError, match=r"needs rows of paper.compare.* has no (h|t)"):
-        pc.plot_comparison(wrong)
+        pc.paper.plot_comparison(wrong)
 
 
 def test_a_frame_is_no_joint(sol):

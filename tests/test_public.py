@@ -116,6 +116,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
         "at": "t mechanism",
         "energy": "mechanism",
         "evaluate": "quantity mechanism",
+        "plot": "*pictures | file mechanism",
         "series": "quantity mechanism",
         "reaction": "loop mechanism | axes compliance",
         "contact_forces": "mechanism | axes",

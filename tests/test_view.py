@@ -14,14 +14,16 @@ import pinocchio as pin
 import pytest
 from helpers.browser import needs_browser, opened
 
-from pinconsist import assemble, export_html, load, plot_comparison, plot_solution, replay
+from pinconsist import assemble, export_html, load, replay
 from pinconsist.errors import InputError, MissingExtraError
 from pinconsist.mechanism.forces import SpringDamper
 from pinconsist.mechanism.loops import Loop
 from pinconsist.mechanism.mechanism import Geometry, Mechanism
+from pinconsist.paper import plot_comparison
 from pinconsist.view.commands import plane_normal
 from pinconsist.view.motion import MAX_FRAMES, Run, body_poses, in_world, playing_times
 from pinconsist.view.picture import picture
+from pinconsist.view.plots import BOTH, pictures_of
 from pinconsist.view.shapes import CLOSED, GROUND, JOINT, RAIL, covering, link_ends, simple_shapes, skeleton
 from pinconsist.view.visuals import visuals
 
@@ -394,14 +396,14 @@ def test_figure_of_a_solution(tmp_path):
     pytest.importorskip("matplotlib")
     mech, sol = two_links(), swing(np.linspace(0, 1, 60))
     sol.v, sol.lam = np.gradient(sol.q, sol.t, axis=0), np.column_stack([np.cos(k * sol.t) for k in range(3)])
-    figure = plot_solution(sol, tmp_path / "figure.pdf", mech)
+    figure = pictures_of(sol, BOTH, tmp_path / "figure.pdf", mech)
     assert [path.name for path in tmp_path.iterdir()] == ["figure.pdf"]
     q, v, lam, first = figure.axes
     assert [line.get_label() for line in q.lines] == [line.get_label() for line in v.lines] == ["upper", "lower"]
     assert [line.get_label() for line in lam.lines] == ["tie x", "tie y", "tie z"]
     assert len(first.lines[0].get_xdata()) == 21
     many = SimpleNamespace(t=sol.t, q=np.outer(sol.t, range(40)), v=np.outer(sol.t, range(40)), lam=np.zeros((60, 0)))
-    q, _ = plot_solution(many).axes
+    q, _ = pictures_of(many, BOTH).axes
     assert len(texts := q.get_legend().get_texts()) == 12 and len(q.lines) == 40
     assert "29 more" in [text.get_text() for text in texts]
 

@@ -9,6 +9,7 @@ import pytest
 from helpers.signatures import PARAMETERS
 
 import pinconsist as pc
+from pinconsist.view.plots import pictures_of
 
 WRONG = {
     "None": None,
@@ -80,11 +81,11 @@ def test_wrong_types_are_named(name, function, tmp_path, monkeypatch):
 
 def test_what_is_no_file_solution_or_mechanism_is_named():
     with pytest.raises(pc.InputError, match="path"):
-        pc.plot_trajectory(SOL, file={"a": 1})
+        SOL.plot("trajectory", file={"a": 1})
     with pytest.raises(pc.InputError, match="needs a Solution"):
-        pc.plot_trajectory({"a": SOL})
+        pictures_of({"a": SOL}, ["trajectory"])
     with pytest.raises(pc.InputError, match="Mechanism"):
-        pc.plot_trajectory(SOL, mech="four_bar")
+        SOL.plot("trajectory", mechanism="four_bar")
 
 
 def test_a_drawing_at_one_time(tmp_path):

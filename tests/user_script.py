@@ -100,7 +100,7 @@ def files(mech: pc.Mechanism, sol: pc.Solution, folder: Path) -> None:
     assert_type(pc.write(pc.load("four_bar"), folder / "scene.urdf"), Path)
     assert_type(pc.export_html(mech, {"one": sol, "two": sol}, folder / "two.html", forces=True), Path)
     try:
-        pc.plot_multipliers(sol, folder / "lam.png")
+        sol.plot("multipliers", file=folder / "lam.png")
     except pc.MissingExtraError as error:
         assert "pinconsist[plot]" in str(error)
     try:

@@ -64,7 +64,7 @@ def compare(
     if html:
         _show(what, html, min(runs, key=lambda run: run.h))
     if plot:
-        output.written(plot, lambda: pc.plot_comparison(runs, plot))
+        output.written(plot, lambda: pc.paper.plot_comparison(runs, plot))
     result = replace(result, runs=tuple(runs))
     if as_json:
         output.print_json(asdict(result) | {"files": {"plot": plot, "html": html}})

@@ -116,7 +116,7 @@ def plot(
     """
     out = out or f"{Path(source).resolve().stem}.png"
     output.require_writable(figure=out)
-    from ..view.plots import PICTURES, plot_solution
+    from ..view.plots import PICTURES, pictures_of
 
     if of:
         return _plot_of(source, of, out, until, scene_of_run, as_json)
@@ -130,7 +130,7 @@ def plot(
         raise InputError(
             f"--what {without[0]}: {source} contains a general problem, which has no scene; available for it: {there}"
         )
-    output.written(out, lambda: plot_solution(sol, out, mech, names))
+    output.written(out, lambda: pictures_of(sol, names, out, mech))
     if as_json:
         output.print_json({
             "scene": mech and mech.name, "t": [sol.t[0], sol.t[-1]], "rows": len(sol.t), "message": sol.message,

@@ -102,7 +102,7 @@ def simulate(
             if html:
                 _written(html, sol, out, lambda: pc.export_html(mech, sol, html, **look(sol, forces, traces, speed)))
             if plot:
-                _written(plot, sol, out, lambda: pc.plot_solution(sol, plot, mech))
+                _written(plot, sol, out, lambda: sol.plot(file=plot, mechanism=mech))
             if table:
                 _written(table, sol, out, lambda: _rows(sol, every).to_csv(table, mech, forces=csv_forces or ()))
         finally:  # after the warnings of what was written

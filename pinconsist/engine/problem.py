@@ -1,5 +1,7 @@
 """What a system must provide to be integrated."""
 
+from typing import Any
+
 import numpy as np
 
 from ..errors import InputError
@@ -39,6 +41,8 @@ class Index3System:
         inf if there is none.
     sharp : bool
         Whether there are forces that may bend or jump within a step, as friction does: :meth:`sharp_force`.
+    mechanism, model : Mechanism, pin.Model, or None
+        Those of a rigid-body system, which the engine evaluates itself; other systems are called back.
     may_act_later : bool
         Whether forces or constraints may begin to act after a time of rest, at times that :meth:`look_ahead` does not
         find.
@@ -56,6 +60,8 @@ class Index3System:
     widths: np.ndarray | None = None
     sharp: bool = False
     may_act_later: bool = True
+    mechanism: Any = None
+    model: Any = None
 
     def integrate(self, p, xi):
         """p ⊕ ξ, shape (npos,): the position reached from `p` by the tangent vector `xi`."""

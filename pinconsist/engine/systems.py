@@ -7,7 +7,7 @@ from .tree import workspace
 def compiled_system(system):
     """The compiled equations of a system: those of a mechanism, or callbacks into any other."""
     module = required()
-    if not hasattr(system, "hand_over"):
+    if system.mechanism is None:
         return module.CallbackSystem(system)
     compiled = blank_system(system.model, system.data)
     system.hand_over(compiled)

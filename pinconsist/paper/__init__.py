@@ -17,6 +17,7 @@ against this one.
 
 from .compare import Comparison, Run, compare
 from .consistency import consistent_initial_velocity
+from .figure import plot_comparison
 from .index1 import Reference, reference_solution
 from .problems import ReferenceProblem, reference_problem
 from .solve import FixedStepRun, solve
@@ -29,6 +30,7 @@ __all__ = [
     "Run",
     "compare",
     "consistent_initial_velocity",
+    "plot_comparison",
     "reference_problem",
     "reference_solution",
     "solve",

@@ -230,7 +230,7 @@ def _run(system, t0, p0, v0, exact, h, k, count) -> Run:
 def _forces(system, t, p, lam) -> dict[tuple[str, str, str], np.ndarray]:
     """(loop, of, unit) → values: each loop's force; without anchored loops each torque; else each multiplier."""
     rows = {("", f"multiplier {k}", ""): column[:, None] for k, column in enumerate(lam.T, start=1)}
-    mechanism = getattr(system, "mechanism", None)
+    mechanism = system.mechanism
     if mechanism is None:
         return rows
     from ..mechanism.reactions import reactions

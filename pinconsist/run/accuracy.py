@@ -126,7 +126,7 @@ def finer_run(solution, mechanism=None, patience=np.inf) -> FinerRun:
     ours = solution.t_events if solution._events else [times for times in solution.t_events if len(times)]
     if len(ours) > len(solution._events):
         raise NotEstimatedError("the functions of its events are not in files and copies")
-    if mechanism := mechanism or getattr(solution.system, "mechanism", None):
+    if mechanism := mechanism or solution.mechanism:
         system = MechanismSystem(mechanism, solution.q[0], solution.t[0])
         brief = brief_times(system, solution.t, solution.q, solution.v, LOOKS)
     else:
@@ -255,7 +255,7 @@ def _apart(ours, theirs, t):
 
 
 def _coordinates(system):
-    mechanism = getattr(system, "mechanism", None)
+    mechanism = system.mechanism
     if mechanism is None:
         return [f"coordinate {i}" for i in range(system.nv)], [""] * system.nv
     return velocity_names(mechanism.model), velocity_units(mechanism.model)
@@ -285,7 +285,7 @@ def exact_forces(system, states):
 
 
 def _workspace(system):
-    mechanism = getattr(system, "mechanism", None)
+    mechanism = system.mechanism
     return None if mechanism is None else Workspace(system.model, blank_system, system.data)
 
 

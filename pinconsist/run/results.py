@@ -316,7 +316,7 @@ class ByName:
 
     def _table(self, mechanism, forces):
         """(names, units, values, names of those that are not unique) of the columns."""
-        general = mechanism is None and self.system is not None and not hasattr(self.system, "mechanism")
+        general = mechanism is None and self.system is not None and self.mechanism is None
         values = [self.t[:, None], self.q, self.v, *([] if general else [None]), self.lam]
         if general:
             names = [f"{part}[{i}]" for part in ("q", "v", "lam") for i in range(getattr(self, part).shape[1])]

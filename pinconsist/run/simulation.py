@@ -173,7 +173,7 @@ def integrate(
             "method turns that into a multiplier error of that size over the step squared. Pass a p0 on the "
             "constraint, or use simulate(), which assembles"
         )
-    events = as_events(events, getattr(system, "mechanism", None))
+    events = as_events(events, system.mechanism)
     return _integrated(system, span, p0, v0, options, _output(span, t_eval, dense_output, events, callback))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from .quantities import Quantity, Series
 from .results import ByName
 from .solution_file import read, skipped_work, summary_of, write
 from .states import states_at
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -122,7 +125,7 @@ class Solution(ByName):
         for k, name in enumerate("tqv"):
             values[f"{name}_events"] = [np.array([row[k] for row in rows]) for rows in trajectory.events]
         outcome = ("status", "message", "nsteps", "nfev", "njev", "nlu", "rejected")
-        scene, values["held"] = getattr(system, "mechanism", None), getattr(system, "held", {})
+        scene, values["held"] = system.mechanism, getattr(system, "held", {})
         about: dict[str, Any] = {"skipped": skipped_work(trajectory)}
         about |= {"forces": len(scene.forces)} if scene else {}
         about |= {"control": control} if scene and (control := commands(scene)) else {}
@@ -139,12 +142,12 @@ class Solution(ByName):
             made = self.method.get("method", "")
             sizes = ", ".join(f"{name} {getattr(self, name).shape}" for name in ("q", "v", "lam"))
             lines += [f"  t     {self.t[0]:g} … {self.t[-1]:g} s, {made}", f"  rows  {sizes}"]
-        mechanism = getattr(self.system, "mechanism", None)
+        mechanism = self.mechanism
         return "\n".join([*lines, *str(mechanism).splitlines()[1:]])
 
     def _repr_mimebundle_(self, include=None, exclude=None):
         """For notebooks: the text; for a run of a mechanism also a picture and the page that plays it."""
-        bundle, mechanism = {"text/plain": repr(self)}, getattr(self.system, "mechanism", None)
+        bundle, mechanism = {"text/plain": repr(self)}, self.mechanism
         if mechanism is not None and len(self.t) > 1:
             from ..view.page import notebook_html
 
@@ -166,7 +169,7 @@ class Solution(ByName):
 
         None for a general problem, and for a solution that was read from a file or copied.
         """
-        return getattr(self.system, "mechanism", None)
+        return None if self.system is None else self.system.mechanism
 
     def check(self, mechanism=None, error=None) -> Certificate:
         """The verdict on the run, and the figures behind it, evaluated in a separate system: see :class:`Certificate`.
@@ -221,7 +224,7 @@ class Solution(ByName):
         `mechanism` is as in :meth:`check`. Raises InputError as there, and for times in another order or outside of the
         run.
         """
-        general = mechanism is None and self.system is not None and not hasattr(self.system, "mechanism")
+        general = mechanism is None and self.system is not None and self.mechanism is None
         scene = None if general else self._mechanism(mechanism, "at")
         self._require_forces(mechanism)
         times = np.atleast_1d(finite_array(t, "t"))
@@ -279,7 +282,7 @@ class Solution(ByName):
         `mechanism` is as in :meth:`check`. Raises InputError as there, and for a general problem.
         """
         self._require_scene(mechanism, "energy")
-        mechanism = self._replayed(mechanism) or getattr(self.system, "mechanism", None)
+        mechanism = self._replayed(mechanism) or self.mechanism
         if mechanism is None:
             raise InputError("energy is defined for mechanisms only, not for a general problem")
         workspace = self._workspace(mechanism.model)
@@ -395,7 +398,7 @@ class Solution(ByName):
     def _mechanism(self, mechanism, method) -> Mechanism:
         require_mechanism(self, mechanism)
         replay = method not in ("position", "velocity", "reaction")  # these need no forces
-        found = (self._replayed(mechanism) if replay else mechanism) or getattr(self.system, "mechanism", None)
+        found = (self._replayed(mechanism) if replay else mechanism) or self.mechanism
         if found is None:
             where = "a solution that was read from a file or copied needs its mechanism here: "
             where += f"sol.{method}(…, mechanism)"
@@ -404,12 +407,12 @@ class Solution(ByName):
 
     def _replayed(self, mechanism):
         """`mechanism`, by default that of the run, with the recorded torques; None if there are none and no default."""
-        own = getattr(self.system, "mechanism", None) if self.held else None
+        own = self.mechanism if self.held else None
         return replayed(mechanism or own, self)
 
     def _workspace(self, model) -> Workspace:
         """A workspace for evaluations, which reuses that of the run if it has the same model."""
-        system = self.system if getattr(self.system, "model", None) is model else None
+        system = self.system if self.system is not None and self.system.model is model else None
         return Workspace(model, blank_system, system and system.data)
 
     def _require_scene(self, mechanism, method):
@@ -429,6 +432,44 @@ class Solution(ByName):
                 f"the run had {forces} forces besides the model's own, but this mechanism has "
                 f"{len(mechanism.forces)}: add those of simulate(forces=...) by mechanism.add_forces(...)"
             )
+
+    def plot(self, *pictures: str, file=None, mechanism=None) -> Figure:
+        """A figure (matplotlib) of the solution, with some pictures under each other.
+
+        Parameters
+        ----------
+        *pictures : str
+            Of ``"trajectory"``: q and v over time; ``"multipliers"``: λ of each row, its first twenty steps once
+            more, magnified; from exact initial values (``consistency="exact"``) the rows after the first are wrong by
+            O(1), whatever the step size (Arévalo 2008); ``"forces"``: the sizes of force, N, and moment, N·m, in each
+            loop and joint, with a star where they are not unique; ``"drift"``: the largest size of Φ and of J v + Φ_t
+            of each loop; ``"energy"``: energies and work, J, and the error of their balance; ``"steps"``: step size, s,
+            and order; ``"phase"``: velocity over configuration of the twelve widest joints of one degree of freedom.
+            Default: trajectory and multipliers.
+        file : path, optional
+            File to which the figure is written, whole or not at all; an existing file is replaced. The ending chooses
+            the format, such as ``.png``, ``.pdf`` or ``.svg``. Default: the figure is only returned.
+        mechanism : Mechanism, optional
+            As in :meth:`check`; its joints and loop rows name the curves.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            A figure without a window, not registered with pyplot; a notebook shows it.
+
+        Raises
+        ------
+        InputError
+            Sizes that do not fit, an unknown picture, one that this solution does not have (``"steps"`` of one with
+            ``t_eval``), or a file ending that matplotlib cannot write.
+        MissingExtraError
+            matplotlib is not installed.
+        OSError
+            The file cannot be written.
+        """
+        from ..view.plots import BOTH, pictures_of
+
+        return pictures_of(self, pictures or BOTH, file, mechanism)
 
     def render(self, file, mechanism=None, *, speed=1.0, traces=(), forces=False, at=()) -> Path:
         """The path of a film of the motion, ``.mp4`` or ``.gif``, or of drawings of a planar mechanism, ``.svg``.

@@ -155,7 +155,7 @@ def skipped_work(trajectory) -> list[str]:
     rows = system.n_multipliers
     if rows > system.nc:
         skipped.append(f"{rows - system.nc} of {rows} loop rows (dependent or zero)")
-    if getattr(getattr(system, "mechanism", None), "geometry", None) is not None:
+    if system.mechanism is not None and system.mechanism.geometry is not None:
         skipped.append("geometry")
     if trajectory.dense is None:
         skipped.append("dense output")

@@ -72,7 +72,7 @@ class Stepper(ABC):
         before = self._core
         self.system = system
         self._compiled = compiled_system(system)
-        native = hasattr(system, "hand_over")
+        native = system.mechanism is not None
         self.ahead = native and not self._compiled.calls_python
         self.index1: Index1 = Index1(system, self._compiled)
         self._all_rows = with_all_rows(system) if native and not system.dropped_are_zero else None
@@ -208,7 +208,7 @@ class BdfStepper(Stepper):
 
     def _new_core(self):
         system = self.system
-        if hasattr(system, "hand_over") and not system.vector_like:
+        if system.mechanism is not None and not system.vector_like:
             self._chart_points = blank_system(system.model, system.data).chart_points
         core = required().Stepper(self._compiled, self.method.consistency == "every-step", self.method.switches)
         core.fix_order(self.method.order)

@@ -15,7 +15,7 @@ from ..errors import InputError, MissingExtraError
 from ..files import written_whole
 from ..mechanism.checks import flag
 from .picture import picture
-from .plots import plot_solution
+from .plots import BOTH, pictures_of
 
 FPS = 50
 PARTS = ("page.html", "page.css", "scene.js", "page.js")
@@ -153,7 +153,7 @@ def notebook_html(sol, mechanism) -> str:
     parts = [f"<pre>{escape(repr(sol))}</pre>"]
     with suppress(MissingExtraError):
         image = BytesIO()
-        plot_solution(sol, mech=mechanism).savefig(image, format="png", dpi=DOTS)
+        pictures_of(sol, BOTH, mech=mechanism).savefig(image, format="png", dpi=DOTS)
         data = b64encode(image.getvalue()).decode()
         parts.append(f'<img alt="the solution over time" src="data:image/png;base64,{data}"/>')
     with suppress(MissingExtraError):
