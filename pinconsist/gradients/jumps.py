@@ -28,18 +28,18 @@ def refuse_jumps(solution, legs, base) -> None:
 
     Steps end at the break points of functions of time, where the derivatives go on if these times are fixed.
     """
-    known = legs[0].system.breakpoints.ends
+    known = np.array(legs[0].system.breakpoints.ends)
     ends = legs[0].span[0], legs[-1].span[1] if solution.status == 0 else None  # of the run, if no event ends it
     for leg in legs:
         grid = _grid(leg)
         for label, force in leg.system.forces.items():
-            if getattr(force, "smooth", False) or len(grid) < 2:
+            if getattr(force, "smooth", False) or getattr(force, "by_time", False) or len(grid) < 2:
                 continue
             largest = 0.0
             for part in _parts(grid, known):
                 largest = max(largest, _refuse_jump(solution, part, label, force))
             for t, other in (grid[0], grid[1]), (grid[-1], grid[-2]):
-                if t not in ends and not _is_known(t, known):
+                if t not in ends and not _are_known(np.array([t]), known)[0]:
                     _refuse_jump_at(leg, t, other, label, force, largest)
         if len(grid) > 1 and any(event.apply is not None for event in solution._events):
             _refuse_memory(solution, leg, grid, base)
@@ -82,13 +82,18 @@ def _grid(leg):
     return np.array([begin, *inside, end] if abs(end - begin) > jump_offset(end) else [begin])
 
 
-def _is_known(t, known) -> bool:
-    return any(abs(t - each) <= jump_offset(t) for each in known)
+def _are_known(times, known):
+    """Whether each of the times is one of the sorted times `known`."""
+    if not len(known):
+        return np.zeros(len(times), bool)
+    after = np.searchsorted(known, times)
+    near = np.column_stack([known[np.maximum(after - 1, 0)], known[np.minimum(after, len(known) - 1)]])
+    return np.abs(near - times[:, None]).min(axis=1) <= jump_offset(times)
 
 
 def _parts(grid, known):
     """The grid, split at break points."""
-    cuts = [i for i, t in enumerate(grid[1:-1].tolist(), 1) if _is_known(t, known)]
+    cuts = 1 + np.flatnonzero(_are_known(grid[1:-1], known))
     return [grid[i : j + 1] for i, j in pairwise([0, *cuts, len(grid) - 1])]
 
 
