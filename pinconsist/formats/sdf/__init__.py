@@ -3,7 +3,7 @@
 Versions 1.4 to 1.12 of the specification are supported. A file is converted as follows:
 
 * Links and joints form a graph. A spanning tree of it becomes the model, and the remaining joints close loops
-  (:mod:`.graph` explains which, and how). At q = 0 all bodies have the poses of the file, and all loops are closed.
+  (:mod:`..graph` explains which, and how). At q = 0 all bodies have the poses of the file, and all loops are closed.
 * A link without ``<inertial>`` has 1 kg and 1 kg·m², the defaults of the specification.
 * In SDF a model without a joint to the world floats. Here its root link is fixed at its pose unless
   ``load(..., free_flyer=True)`` lets it float, as for URDF files. ``<static>`` models never move.
@@ -28,15 +28,16 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 import pinocchio as pin
 
+from ...errors import FormatError
 from ...mechanism.checks import warn
 from ...mechanism.forces import JointSpring
 from ..extensions import left_out
+from ..graph import JointGraph, build, couplings
 from ..ignored import COLLISIONS, LIMITS, Ignored
 from ..plausible import inertias_of, warn_of_inertias
 from ..reading import DRAKE, RobotFile, closing, finite, parsed, read_bytes, refuse, short_repr, text
 from ..urdf import INERTIA, SHAPES, add_visual, checked, fixed_links, symmetric
 from .document import INFINITE, Body, Document
-from .graph import JointGraph, build, couplings
 from .joints import LAWS, add_armature, controllers, read_joints
 
 _DEFAULT_INERTIA = dict(zip(INERTIA, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0), strict=True))  # kg·m²
@@ -64,14 +65,15 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), content
     graph = JointGraph(document, joints)
     if len(graph.roots) > 1:
         warn(f"{path}: no joints connect {', '.join(map(repr, graph.roots))} to each other or to the world")
+    if free_flyer and not graph.roots:
+        raise FormatError("nothing can float: all links are connected to the world; omit free_flyer")
     model, guess = build(document, graph, inertias(document), name, free_flyer)
     warn_of_inertias(path, inertias_of(robot, model))
     if weightless(document):
         model.gravity.linear = np.zeros(3)
     motions = [motion for joint in graph.joints for motion in zip(joint.parts, joint.axes, strict=False)]
     springs = [JointSpring(part, axis.stiffness, axis.reference) for part, axis in motions if axis.stiffness]
-    guess |= {part: axis.initial for part, axis in motions if axis.initial and model.existJointName(part)}
-    shapes, loops = tostring(robot, encoding="unicode"), tuple(graph.loops(document))
+    shapes, loops = tostring(robot, encoding="unicode"), tuple(graph.loops())
     add_armature(joints, model)
     acting = controllers(document, joints, model)
     return RobotFile(

@@ -7,15 +7,14 @@ Source: API of gz-sim.
 """
 
 import math
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 
 from ...mechanism.checks import warn
 from ...mechanism.forces import Actuator
 from ...mechanism.loops import unit
+from ..graph import Axis, Follower, Joint
 from ..reading import DRAKE
 from .document import FRAMES, WORLD, Document, SdfNode
 
@@ -32,54 +31,6 @@ LAWS = {  # default gains (proportional, integral, derivative), flag of the comm
     "JointController": ((1.0, 0.0, 0.0), "use_force_commands", "initial_velocity"),
 }
 _GAINS = ("p_gain", "i_gain", "d_gain")
-
-
-class Follower(NamedTuple):
-    """The `<mimic>` of an axis: its position = ratio · position of the leader's axis + offset."""
-
-    joint: str
-    axis: int
-    ratio: float
-    offset: float
-
-
-@dataclass(frozen=True, eq=False)
-class Axis:
-    """One axis of a joint, in the joint's frame, and the parameters of the motion along it (SI units)."""
-
-    direction: np.ndarray
-    damping: float = 0.0
-    friction: float = 0.0
-    stiffness: float = 0.0
-    reference: float = 0.0
-    lower: float = -math.inf
-    upper: float = math.inf
-    effort: float = math.inf
-    velocity: float = math.inf
-    initial: float = 0.0
-    follows: Follower | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Joint:
-    """A joint between two bodies, in the configuration of the file."""
-
-    name: str
-    kind: str  # one of `AXES`; ``revolute2`` is replaced by ``universal``, and ``continuous`` by ``revolute``
-    parent: str  # a body, or ``"world"``
-    child: str
-    pose: pin.SE3  # of the joint's frame, in the world
-    axes: tuple[Axis, ...]  # as many as the kind has; the axis of a ball stands for all directions
-    pitch: float = 0.0  # of a screw: m per revolution, positive for a right-handed thread
-    ratio: float = 1.0  # of a gearbox: θ₂ = -ratio θ₁, the angles of child and parent relative to the body `reference`
-    reference: str = ""
-    must_cut: bool = False  # the file requests that this joint close a loop
-    armature: float = 0.0  # of Drake's ``gear_ratio`` and ``rotor_inertia``, kg·m² or kg
-
-    @property
-    def parts(self) -> tuple[str, ...]:
-        """Names of the joints that it becomes: one for each axis if it has two."""
-        return (f"{self.name}_axis", f"{self.name}_axis2") if self.kind == "universal" else (self.name,)
 
 
 def read_joints(document: Document) -> list[Joint]:
@@ -118,7 +69,8 @@ class _Reader:
         must_cut = node.child("physics").child("simbody").flag("must_be_loop_joint")
         kind = {"continuous": "revolute", "revolute2": "universal"}.get(kind, kind)
         armature = _armature(node)
-        return Joint(name, kind, parent, child, pose, axes, pitch, ratio, reference, must_cut, armature)
+        ends = [pose if body == WORLD else self.document.bodies[body].pose.actInv(pose) for body in (parent, child)]
+        return Joint(name, kind, parent, child, *ends, axes, pitch, ratio, reference, must_cut, armature)
 
     def _body(self, node, tag):
         return self.document.body(self.document.resolve(self.scope, node.word(tag), f"{node.name}: {tag}"))
