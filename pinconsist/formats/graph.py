@@ -224,7 +224,7 @@ def _closure(joint) -> dict | None:
         return {"kind": "plane", "axis": turns[0]} if normal else None
     elif slides:
         return None
-    if abs(np.dot(*turns)) > _PERPENDICULAR:
+    if abs(np.dot(turns[0], turns[1])) > _PERPENDICULAR:
         return None
     return {"kind": "universal", "axis": turns[0], "axis2": turns[1]}
 

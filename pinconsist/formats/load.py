@@ -155,7 +155,7 @@ def read_scene(
         model = record.applied(robot.model)
         model = loopfile.with_distinct_frames((*robot.loops, *record.loops, *record.forces), model)
         record.check(model)
-    closures = closed(model, (*robot.loops, *record.loops))
+    closures = closed(model, (*robot.loops, *record.loops), robot.guess)
     if is_urdf and loop_path is None and not closures:
         from .urdf_loops import closing_frames
 

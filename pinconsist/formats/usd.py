@@ -57,6 +57,12 @@ _SOLIDS = {
     "capsule": solids.capsule,
     "cone": solids.cone,
 }
+_OTHERS = ("Mjc", "Newton", "Physx")  # prims of simulators
+_PLAIN = ("Physics", "Geom", "Material", "Semantics", "Visibility", "Isaac", "Shader", "Collection", "CoordSys")
+_KNOWN = ("PhysxRigidBodyAPI", "PhysxJointAPI", "PhysxMimicJointAPI", "PhysxArticulationAPI", "PhysxCollisionAPI")
+_KNOWN += ("PhysxContactReportAPI", "PhysxConvexHullCollisionAPI", "PhysxLimitAPI", "PhysxTriangleMeshCollisionAPI")
+_KNOWN += ("MjcEqualityJointAPI", "MjcJointAPI", "MjcEqualityConnectAPI", "MjcEqualityWeldAPI", "NewtonMimicAPI")
+"""Schemas that act, or that say nothing about the motion."""
 _STARTING = 1e-9  # rad or m: below it, a joint is at zero in the file
 
 
@@ -75,6 +81,7 @@ def read(path: Path, name: str, folders, *, ignore=()) -> RobotFile:
     actuators, couplings = tuple(stage.actuators(model)), tuple(stage.couplings(model))
     forces = (*stage.weights(model), *actuators)
     actuated = tuple(dict.fromkeys(each.joint for each in actuators))
+    stage.count_unknown()
     ignored = stage.counted.lines()
     return RobotFile(model, stage.shapes(), tuple(loops), couplings, forces, guess, actuated, ignored)
 
@@ -425,20 +432,19 @@ class _Stage:
         return (body, self._of(body).actInv(there)) if body else (WORLD, there)
 
     def _axes(self, prim, kind) -> tuple[Axis, ...]:
-        armature = self._number(prim, "physxJoint:armature")
-        friction = self._number(prim, "physxJoint:jointFriction")
+        armature = self._number(prim, "physxJoint:armature") or self._number(prim, "mjc:armature")
+        friction = self._number(prim, "physxJoint:jointFriction") or self._number(prim, "mjc:frictionloss")
         if kind in ("PhysicsRevoluteJoint", "PhysicsPrismaticJoint"):
             word = str(self._token(prim, "physics:axis") or "X")
             turns = kind == "PhysicsRevoluteJoint"
             factor = math.pi / 180.0 if turns else self._unit
-            lower, upper = (self._number(prim, f"physics:{end}Limit", None) for end in ("lower", "upper"))
-            limits = [
-                (-math.inf, math.inf)[i] if each is None else each * factor for i, each in enumerate((lower, upper))
-            ]
-            if limits[0] > limits[1]:
-                limits = [-math.inf, math.inf]
+            lower = self._number(prim, "physics:lowerLimit", -math.inf) * factor
+            upper = self._number(prim, "physics:upperLimit", math.inf) * factor
+            if lower > upper:
+                lower, upper = -math.inf, math.inf
             units = self._kilograms * self._unit**2 if turns else self._kilograms
             values = {"armature": armature * units, "friction": max(friction, 0.0) * self._torque(turns)}
+            values["damping"] = max(self._number(prim, "mjc:damping"), 0.0)
             motion = "revolute" if turns else "prismatic"
             return (Axis(np.array(_AXES[word]), lower=lower, upper=upper, kind=motion, **values),)
         if kind == "PhysicsSphericalJoint":
@@ -541,6 +547,12 @@ class _Stage:
                 other = self._names.get(str(prim.GetRelationship("newton:mimicJoint").GetTargets()[0]))
                 offset, ratio = self._number(prim, "newton:mimicCoef0"), self._number(prim, "newton:mimicCoef1", 1.0)
                 yield self._coupled(f"{name} mimic", name, other, ratio, offset, model)
+            target = prim.GetRelationship("mjc:target") if name else None
+            if target and target.GetTargets() and "MjcEqualityJointAPI" in self._schemas(prim):
+                other = self._names.get(str(target.GetTargets()[0]))
+                powers = [self._number(prim, f"mjc:coef{i}", float(i == 1)) for i in range(5)]
+                made = self._coupled(f"{name} equality", name, other, powers[1], powers[0], model)
+                yield replace(made, higher=tuple(powers[2:]) if any(powers[2:]) else ())
             if prim.GetTypeName() == _GEARS:
                 hinges = [prim.GetRelationship(f"physics:hinge{i}") for i in (0, 1)]
                 names = [
@@ -589,6 +601,24 @@ class _Stage:
                 sizes = {"radius": text(sizes[0] * scale[0]), "length": text(sizes[1] * scale[0])}
                 add_visual(links[body], place * turn, "cylinder", sizes)
         return tostring(robot, encoding="unicode")
+
+    def count_unknown(self) -> None:
+        """Count prims and schemas of other programs that may act on bodies or joints, and do not here."""
+        for prim in self._prims:
+            kind, path = str(prim.GetTypeName()), prim.GetPath()
+            if kind.startswith(_OTHERS) and not kind.endswith("Joint"):
+                self.counted.add(f"<{kind}>")
+            if path in self._bodies or str(path) in self._names:
+                for schema in self._schemas(prim):
+                    plain = schema.partition(":")[0]
+                    if not plain.startswith(_PLAIN) and plain not in _KNOWN:
+                        self.counted.add(f"<{plain}>")
+
+    def _schemas(self, prim) -> list[str]:
+        """The names of all applied schemas, also of those that usd-core does not know."""
+        given = prim.GetMetadata("apiSchemas")
+        named = list(given.GetAddedOrExplicitItems()) if given else []
+        return list(dict.fromkeys((*map(str, prim.GetAppliedSchemas()), *map(str, named))))
 
     # Attributes
 

@@ -18,12 +18,14 @@ from ..graph import Axis, Follower, Joint
 from ..reading import DRAKE
 from .document import FRAMES, WORLD, Document, SdfNode
 
-AXES = dict.fromkeys(("revolute", "continuous", "prismatic", "screw"), 1) | dict.fromkeys(("ball", "fixed"), 0)
+AXES = dict.fromkeys(("revolute", "continuous", "prismatic", "screw"), 1) | dict.fromkeys(
+    ("ball", "fixed", "planar"), 0
+)
 AXES |= dict.fromkeys(("universal", "revolute2", "gearbox"), 2)
 """Joint type → its number of axes."""
 PARALLEL = 1e-6  # sine of the angle between two axes below which they count as parallel
 _PARTS = ("parent", "child", "pose", "axis", "axis2", "physics", "sensor", "gearbox_ratio", "gearbox_reference_body")
-_PARTS += ("thread_pitch", "screw_thread_pitch")
+_PARTS += ("thread_pitch", "screw_thread_pitch", "damping")
 _IN_AXIS = ("xyz", "dynamics", "limit", "mimic", "use_parent_model_frame", "initial_position")
 LAWS = {  # default gains (proportional, integral, derivative), flag of the command mode, element of the command
     "ApplyJointForce": ((0.0, 0.0, 0.0), "", ""),
@@ -40,7 +42,7 @@ def read_joints(document: Document) -> list[Joint]:
 
 class _Reader:
     def __init__(self, document, scope):
-        self.document, self.version, self.scope = document, document.version, scope
+        self.document, self.version, self.scope = document, document.version_of(scope), scope
 
     def joint(self, full, node) -> Joint:
         name = self.document.short(full)
@@ -63,6 +65,8 @@ class _Reader:
             axes = (replace(axes[0], lower=-math.inf, upper=math.inf),)
         elif kind == "ball":
             axes = (_ball(node.child("axis")),)
+        elif kind == "planar":
+            kind, axes = "compound", _planar(node)
         pitch = _pitch(node) if kind == "screw" else 0.0
         ratio = node.value("gearbox_ratio", 1.0)
         reference = self._body(node, "gearbox_reference_body") if kind == "gearbox" else ""
@@ -121,6 +125,13 @@ def _ball(node):
     if stiffness:
         raise node.error("a ball joint has no axis about which a spring could act")
     return Axis(np.zeros(3), damping, friction)
+
+
+def _planar(node):
+    """The axes of a planar joint of Drake, which moves in the x-y plane of its frame."""
+    damping = node.values("damping", (0.0, 0.0, 0.0))
+    axes = zip(np.eye(3), damping, ("prismatic", "prismatic", "revolute"), ("x", "y", "turn"), strict=True)
+    return tuple(Axis(axis, each, kind=kind, label=label) for axis, each, kind, label in axes)
 
 
 def _dynamics(node: SdfNode) -> list[float]:
