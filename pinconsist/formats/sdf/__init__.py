@@ -32,6 +32,7 @@ from ...errors import FormatError
 from ...mechanism.checks import warn
 from ...mechanism.forces import JointSpring, Wrench
 from .. import drake, gazebo
+from ..closures import Closure
 from ..extensions import Names, left_out, sorted_records
 from ..graph import JointGraph, build, couplings
 from ..ignored import COLLISIONS, LIMITS, Ignored
@@ -81,6 +82,7 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), content
     shapes = tostring(robot, encoding="unicode")
     add_armature(joints, model)
     loops, followers, forces = sorted_records(_joined(document, model, ignored))
+    loops = tuple(_moving(loops, model, ignored))
     acting = controllers(document, joints, model)
     ignored = _ignored(raw, ignored).lines()
     return RobotFile(
@@ -133,6 +135,17 @@ def _joined(document, model, ignored):
         own = _Scoped(node.get("name"), links, joints, frames, scope, list(document.models))
         yield from drake.joined(node, own, ignored)
         yield from gazebo.joined(node, own, ignored)
+
+
+def _moving(loops, model, ignored):
+    """The loops without those that join bodies which do not move."""
+    for loop in loops:
+        ends = [model.frames[model.getFrameId(each)].parentJoint if model.existFrame(each) else 0
+                for each in (loop.frame1, loop.frame2)]  # fmt: skip
+        if ends[0] == ends[1] and isinstance(loop, Closure):
+            ignored.add("weld of bodies that do not move")
+        else:
+            yield loop
 
 
 class _Scoped(Names):
