@@ -57,7 +57,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
     },
     "JointDamping": {"label": None, "bind": "model"},
     "JointFriction": {"label": None, "bind": "model"},
-    "JointSpring": {"label": None, "bind": "model"},
+    "JointSpring": {"label": None, "bind": "model", "plain": None},
     "JointTorque": {"label": None, "bind": "model"},
     "Judgement": {"of": "tool", "to_csv": "file", "to_html": "file | run speed"},
     "Linearization": {"A": None, "derivatives": "parameters theta", "modes": ""},

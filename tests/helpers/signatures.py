@@ -28,7 +28,7 @@ PARAMETERS = {  # those after the bar by name only
     "JointForce": "joint axes t force moment not_unique shared_with resultant_of resultant_force resultant_moment "
     "taken_as_torques",
     "JointFriction": "coefficients width",
-    "JointSpring": "joint stiffness rest",
+    "JointSpring": "joint stiffness rest damping",
     "JointTorque": "torques",
     "Judgement": "mechanism t reference agreement rows cheapest not_judged left_out below notes",
     "Linearization": "t q v a lam coordinates Z mass damping stiffness",
