@@ -30,6 +30,7 @@ from .errors import UserFunctionError as UserFunctionError
 from .formats.catalogue import models as models
 from .formats.load import load as load
 from .formats.write import write as write
+from .gradients.discrete import StepLinearization as StepLinearization
 from .gradients.sensitivities import Gradient as Gradient
 from .gradients.sensitivities import Sensitivities as Sensitivities
 from .gradients.sensitivities import gradient as gradient

@@ -41,7 +41,7 @@ MAY_IMPORT = {
     "options": {"_core", "dae", "mechanism", "errors"},
     "simulation": {"options", "_core", "dae", "mechanism", "solution", "interrupts", "errors"},
     "gradients": {"simulation", "_core", "dae", "mechanism", "quantities", "solution", "states", "errors"},
-    "stepping": {"options", "_core", "dae", "mechanism", "solution", "errors"},
+    "stepping": {"gradients", "options", "_core", "dae", "mechanism", "solution", "errors"},
     "files": {"errors"},
     "interrupts": set(),
     "solution_file": {"certificate", "files", "errors"},

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..dae.kkt import singular_message
+from ..dae.radau_table import table
 from ..dae.segments import not_made_again
 from ..errors import SingularSystemError
 from . import required
@@ -83,6 +84,31 @@ class Propagator:
     def forward(self, steps, S, ends):
         """Write the derivatives at the ends of steps to `ends`, from those at their starts, `S`, which may overlap."""
         self._check(self._core.forward(self._steps(steps), _rows(S), _rows(ends)), [step.end for step in steps])
+
+    def solved(self, t, p, v, stages, accelerations):
+        """Steps between states at times t (1+n,), p and v, with numbers of stages (n,), solved to rounding.
+
+        `accelerations` (1+n, nv) are those at the states, from which Newton's iteration starts. The steps, their last
+        position and their last velocity are returned.
+        """
+        first, change = accelerations[:-1], np.diff(accelerations, axis=0)
+        W = [a + table(int(s)).c[:, None] * b for a, b, s in zip(first, change, stages, strict=True)]
+        W = np.concatenate([each.ravel() for each in W])
+        made = required().StageSteps(t[:-1], t[1:], np.diff(t), p[:-1], v[:-1], p[1:], v[1:], stages, W)
+        if (failed := self._core.again(made)) >= 0:
+            raise not_made_again(t[failed + 1])
+        return made, made.p[-1], made.v[-1]
+
+    def taken(self, steps):
+        """The same of steps that are solved."""
+        return self._steps(steps), steps[-1].p, steps[-1].v
+
+    def through(self, made, times, start):
+        """S at the end of solved steps, (P, nx+nv), from that at their start; `times` are those of their ends."""
+        tables = np.empty((1 + len(times), *start.shape))
+        tables[0] = start
+        self._check(self._core.forward(made, _rows(tables[:-1]), _rows(tables[1:])), times)
+        return tables[-1]
 
     def backward(self, steps, given, bars):
         """The transpose, from the last step to the first: add to `bars`; return the derivative by parameters, (P,)."""
