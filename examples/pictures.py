@@ -239,6 +239,15 @@ def unit(axes, mech, found):
     return "crank of the unit  [rad, rad/s]"
 
 
+def ilqr(axes, mech, found):
+    sol, every = found
+    for name, color in {"left_crank": BLUE, "right_crank": ORANGE}.items():
+        axes.plot(sol.t, sol.position(name), color=color, label=f"{name}  [rad]")
+    axes.step(0.01 * np.arange(len(every[-1].torques)), every[-1].torques, where="post", color="#999999", linewidth=1)
+    axes.legend(frameon=False)
+    return "cranks, and torques in N·m, grey"
+
+
 FIGURES = {  # curve, time of the still or None, traces in it
     "02_four_bar": (four_bar, 1.0, ("coupler_tip",)),
     "03_driven_slider_crank": (slider_crank, 0.05, ()),
@@ -263,6 +272,7 @@ FIGURES = {  # curve, time of the still or None, traces in it
     "22_stewart_control": (stewart, 0.3, ()),
     "23_gymnasium": (episode, None, ()),
     "24_fmu": (unit, None, ()),
+    "25_ilqr": (ilqr, None, ()),
 }
 
 

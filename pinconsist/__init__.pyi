@@ -61,6 +61,7 @@ from .mechanism.reactions import JointForce as JointForce
 from .mechanism.reactions import Reaction as Reaction
 from .run.accuracy import GlobalError as GlobalError
 from .run.certificate import Certificate as Certificate
+from .run.discrete import StepLinearization as StepLinearization
 from .run.events import Event as Event
 from .run.results import ElementForce as ElementForce
 from .run.runs import Rerun as Rerun

@@ -340,3 +340,25 @@ def test_without_mujoco(scene, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(pc.MissingExtraError, match=re.escape("pip install 'pinconsist[mjcf]'")):
         scene(world(body("a")))
+
+
+def test_a_tendon_with_inertia_moves_as_in_mujoco(tmp_path):
+    """Two joints of one arm (of two arms MuJoCo's mass matrix has no room for the coupling of their inertias)."""
+    import mujoco
+
+    bar = '<geom type="box" size="0.1 0.2 0.3" pos="0.2 0 0"/>'
+    inner = f'<body pos="0.4 0 0"><joint name="j1" axis="0 1 0"/>{bar}</body>'
+    arm = f'<body><joint name="j0" axis="0 1 0"/>{bar}{inner}</body>'
+    tendon = '<tendon><fixed name="t" armature="0.7"><joint joint="j0" coef="2"/><joint joint="j1" coef="-3"/></fixed>'
+    path = tmp_path / "scene.xml"
+    path.write_text(f"<mujoco><worldbody>{arm}</worldbody>{tendon}</tendon></mujoco>")
+    mech = pc.load(path)
+    assert mech.joints == ("j0", "j1", "t") and mech.nc == 1
+    sol = pc.simulate(mech, (0.0, 0.2), {"j0": 0.3, "j1": -0.2}, rtol=1e-9, atol=1e-11)
+    peer = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(peer)
+    data.qpos[:] = 0.3, -0.2
+    mujoco.mj_forward(peer, data)
+    found = [sol.acceleration(joint)[0] for joint in ("j0", "j1")]
+    np.testing.assert_allclose(found, data.qacc, rtol=1e-8)
+    np.testing.assert_allclose(sol.q[:, 2], 2 * sol.q[:, 0] - 3 * sol.q[:, 1], atol=1e-10)

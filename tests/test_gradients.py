@@ -18,8 +18,8 @@ from benchmarks.gradient_reference import SIX, differences, reference, worst
 from pinconsist.engine.norms import EPS
 from pinconsist.gradients.leg import legs_of
 from pinconsist.gradients.prepare import prepared
-from pinconsist.gradients.propagator import _known_rates
 from pinconsist.gradients.starts import Start
+from pinconsist.run.propagator import _known_rates
 
 TIGHT = {"rtol": 1e-8, "atol": 1e-8}
 ROBOTS = Path(__file__).resolve().parents[2] / "shared" / "robots"

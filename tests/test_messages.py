@@ -7,7 +7,7 @@ import pytest
 from helpers.command_line import called
 
 import pinconsist as pc
-from pinconsist.view.plots import pictures_of
+from pinconsist.view.plots import PICTURES, pictures_of
 
 
 @pytest.fixture(scope="module")
@@ -21,15 +21,12 @@ def run(capsys, tmp_path, monkeypatch):
     return partial(called, capsys)
 
 
-PLOTS = "solution trajectory multipliers forces drift energy steps phase".split()
-
-
-@pytest.mark.parametrize("name", PLOTS)
+@pytest.mark.parametrize("picture", PICTURES)
 @pytest.mark.parametrize("wrong", [None, "run", 3.0, [1, 2]], ids=repr)
-def test_figures_say_what_they_need(name, wrong):
+def test_figures_say_what_they_need(picture, wrong):
     pytest.importorskip("matplotlib")
     with pytest.raises(pc.InputError, match=f"needs a Solution.* got {type(wrong).__name__}"):
-        getattr(pc, f"plot_{name}")(wrong)
+        pictures_of(wrong, [picture])
 
 
 def test_a_figure_of_several_runs_is_plot(sol):

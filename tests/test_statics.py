@@ -314,7 +314,7 @@ def test_a_moving_state_against_differences_of_the_nonlinear_motion(name):
             dq[rest] -= np.linalg.lstsq(J[:, rest], phi, rcond=1e-10)[0]
         return pin.integrate(model, linear.q, dq)
 
-    def acceleration(state):
+    def seen_acceleration(state):
         y, rate = np.split(state, 2)
         q = neighbour(y)
         rows = np.vstack((system.loop_rows(q)[1], pin.dDifference(model, linear.q, q, second)[index]))
@@ -329,7 +329,7 @@ def test_a_moving_state_against_differences_of_the_nonlinear_motion(name):
 
         return differences(lambda x: relative(x[0]), np.zeros(1))[:, 0]
 
-    expected = differences(acceleration, np.zeros(2 * n), 3e-3)
+    expected = differences(seen_acceleration, np.zeros(2 * n), 3e-3)
     np.testing.assert_allclose(linear.A[n:], expected, atol=3e-9 * np.abs(expected).max())
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..engine.index1 import Index1
 from ..errors import AssemblyError, InputError
-from ..mechanism.checks import finite_array
+from ..mechanism.checks import finite_array, number
 from ..mechanism.forces.held import Given
 from ..mechanism.mechanism import Mechanism, with_added_forces
 from ..mechanism.system import MechanismSystem
@@ -62,7 +62,7 @@ def forward_dynamics(mech: Mechanism, q, v=None, tau=None, *, forces=(), t: floa
     SingularSystemError
         A joint can move without inertia, or a singular position.
     """
-    mech = with_added_forces(mech, forces, "forward_dynamics")
+    mech, t = with_added_forces(mech, forces, "forward_dynamics"), number(t, "t")
     q, v, tau, one = _states(mech, q, v, tau)
     equations = _Equations(mech, q[0], t)
     a, lam = np.empty(v.shape), np.empty((len(q), mech.nc))

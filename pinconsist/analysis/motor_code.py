@@ -259,7 +259,7 @@ class Symbols:
             if isinstance(force, JointDamping | JointFriction):
                 size = spread(self.model, force.coefficients, "C", alike=True)
                 total -= size * (self.v if isinstance(force, JointDamping) else ca.tanh(self.v / force.width))
-            elif isinstance(force, JointSpring):
+            elif isinstance(force, JointSpring) and force.plain:
                 total -= self._pull(self.beyond(force.joint, force.rest), force.stiffness)
             elif isinstance(force, SpringDamper):
                 places = [(joint, pin.SE3(np.eye(3), offset)) for joint, offset in force.bind(self.model).ends]

@@ -1,11 +1,11 @@
 """Loops of which a file gives one anchor: the other one lies where the first is in the configuration of the file."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import pinocchio as pin
 
-from ..mechanism.checks import frame_of
+from ..mechanism.checks import frame_of, places
 from ..mechanism.loops import GROUND, Loop, anchor
 
 KINDS = {
@@ -48,13 +48,21 @@ class Closure:
     xyz2: tuple[float, ...] | None = None
 
 
-def closed(model: pin.Model, loops: Iterable) -> tuple:
-    """The loops, with both anchors: those of a :class:`Closure` coincide at ``pin.neutral``; others are unchanged."""
+def closed(model: pin.Model, loops: Iterable, start: Mapping | None = None) -> tuple:
+    """The loops, with both anchors; other loops than a :class:`Closure` are unchanged.
+
+    The anchors of a Closure coincide in the configuration of the file: all joints are at zero, but for those whose
+    position `start` gives by their names.
+    """
     loops = tuple(loops)
     if not any(isinstance(loop, Closure) for loop in loops):
         return loops
     data = model.createData()
-    pin.framesForwardKinematics(model, data, pin.neutral(model))
+    q = pin.neutral(model)
+    for joint, position in (start or {}).items():
+        if model.existJointName(joint):
+            q[places(model, model.getJointId(joint))[0]] = position
+    pin.framesForwardKinematics(model, data, q)
     poses = {frame.name: data.oMf[i] for i, frame in enumerate(model.frames)} | {GROUND: pin.SE3.Identity()}
     for loop in (each for each in loops if isinstance(each, Closure)):
         for frame in (loop.frame1, loop.frame2):

@@ -154,7 +154,7 @@ _READERS = {
 }
 TAGS = tuple(f"drake:{tag}" for tag in _READERS)
 
-_TYPES = {"planar": "", "ball": "SPHERICAL", "universal": "UJOINT_XY", "screw": "HELICAL"}
+TYPES = {"planar": "", "ball": "SPHERICAL", "universal": "UJOINT_XY", "screw": "HELICAL"}
 """Types of ``<drake:joint>`` → how a joint of URDF is replaced."""
 
 
@@ -164,8 +164,8 @@ def joints_in_urdf(robot: Element) -> dict[str, str]:
     for element in robot.findall(DRAKE + "joint"):
         node = Node(element, f"drake:joint {element.get('name')!r}")
         kind = element.get("type", "")
-        if kind not in _TYPES:
-            raise node.error(f"type {kind[:40]!r} is not one of {', '.join(_TYPES)}")
+        if kind not in TYPES:
+            raise node.error(f"type {kind[:40]!r} is not one of {', '.join(TYPES)}")
         for each in element.iter():
             each.tag = str(each.tag).removeprefix(DRAKE)
         element.tag = "joint"
@@ -174,8 +174,8 @@ def joints_in_urdf(robot: Element) -> dict[str, str]:
             for axis in element.findall("axis"):
                 element.remove(axis)
             SubElement(element, "axis", xyz="0 0 1")
-        if _TYPES[kind]:
-            replaced = _TYPES[kind]
+        if TYPES[kind]:
+            replaced = TYPES[kind]
             if kind == "screw":
                 replaced += f" {value(node, 'screw_thread_pitch') / (2.0 * math.pi)!r}"
             types[element.get("name", "")] = replaced

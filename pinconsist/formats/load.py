@@ -34,6 +34,11 @@ _CURES = {
     "PointAnchorConstraintModel or a pc.Loop of kind 'point'",
 }
 _OTHERWISE = "Limits, friction and contact are not modelled as constraints here (see help(pinconsist.Loop))"
+_FLOATS = {  # files that define what floats
+    "mjcf": "MJCF files, which define what floats: give the body a <freejoint/>",
+    "usd": "USD files, which define what floats: a body without joints to the ground",
+    "webots": "Webots files, which define what floats: a Robot with Physics",
+}
 _MUST_VANISH = ("offset", "velocity", "acceleration")  # desired values of a constraint or a contact
 
 
@@ -121,8 +126,8 @@ def read_scene(
     is_urdf = reader in ("urdf", "xacro")
     if args and reader != "xacro":
         raise InputError(f"args= is for xacro files, and {path.name} is not one")
-    if free_flyer and reader == "mjcf":
-        raise InputError("free_flyer= is not for MJCF files, which define what floats: give the body a <freejoint/>")
+    if free_flyer and reader in _FLOATS:
+        raise InputError(f"free_flyer= is not for {_FLOATS[reader]}")
     if ignore and reader == "mjcf":
         raise InputError('ignore= is not for MJCF: set active="false" on the equalities to leave out')
     loop_path = None if loops is None else Path(loops)
@@ -139,8 +144,10 @@ def read_scene(
         options["content"] = scene.content
     if reader == "xacro":
         options["args"] = args
+    if reader not in _FLOATS:
+        options["free_flyer"] = free_flyer
     if reader != "mjcf":
-        options |= {"free_flyer": free_flyer, "ignore": ignore}
+        options["ignore"] = ignore
     with located(path):
         read, folders = import_module(f".{reader}", __package__).read, (*package_dirs, *scene.package_dirs, path.parent)
         robot = read(path, scene.name, folders, **options)
@@ -148,7 +155,7 @@ def read_scene(
         model = record.applied(robot.model)
         model = loopfile.with_distinct_frames((*robot.loops, *record.loops, *record.forces), model)
         record.check(model)
-    closures = closed(model, (*robot.loops, *record.loops))
+    closures = closed(model, (*robot.loops, *record.loops), robot.guess)
     if is_urdf and loop_path is None and not closures:
         from .urdf_loops import closing_frames
 

@@ -151,6 +151,9 @@ def parsed(content: bytes) -> Element:
     except (ParseError, ValueError, LookupError) as error:  # the last two: encodings
         if "unbound prefix" in str(error) and (bound := _with_prefixes_bound(content)) != content:
             return parsed(bound)
+        plain = _without_comments(content)
+        if plain != content:
+            return parsed(plain)
         raise FormatError(f"not well-formed XML: {error}") from error
     for element in root.iter():
         for key, value in element.items():
@@ -160,6 +163,16 @@ def parsed(content: bytes) -> Element:
         if "drake" in space:  # declared in several ways, or not at all
             element.tag = DRAKE + tag
     return root
+
+
+def _without_comments(content: bytes) -> bytes:
+    """The document without comments, which may have ``--`` for other parsers, and from its first ``<``; same lines."""
+
+    def lines(match):
+        return b"\n" * match[0].count(b"\n")
+
+    start = max(content.find(b"<"), 0)
+    return b"\n" * content[:start].count(b"\n") + re.sub(rb"(?s)<!--.*?-->", lines, content[start:])
 
 
 def _with_prefixes_bound(content: bytes) -> bytes:

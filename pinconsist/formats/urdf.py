@@ -146,6 +146,9 @@ def checked(raw: Element, name: str) -> Element:
         for tag in ("visual", "collision"):
             for shape in node.children(tag):
                 _shape(out, tag, shape, colours)
+    if "world" not in links and any(node.child("parent").get("link") == "world" for node in joints.values()):
+        robot.insert(0, Element("link", name="world"))  # as Drake and PyBullet have it
+        links = {"world": Node(robot[0], "link 'world'")} | links
     for joint, node in joints.items():
         _joint(robot, joint, node, links)
     _check_tree(links, robot.findall("joint"))
@@ -201,6 +204,8 @@ def _shape(link, tag, node, colours):
         _log.warning("%s: left out, its geometry is not one of %s", node.name, ", ".join(SHAPES))
         return
     default = (1.0, 1.0, 1.0) if kind == "mesh" else None
+    if kind == "mesh" and len(solid.get("scale").split()) == 1:  # the same for all axes, in other programs
+        solid.xml.set("scale", " ".join(solid.get("scale").split() * 3))
     sizes = {key: solid.numbers(key, count, default) for key, count in SHAPES[kind].items()}
     attributes = {key: text(*size) for key, size in sizes.items()}
     if kind == "mesh":

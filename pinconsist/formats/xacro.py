@@ -19,6 +19,7 @@ from .reading import RobotFile, note_read, parsed, read_bytes, short_repr
 
 SECONDS = 60  # in which the process must end
 DEEPEST = 4  # folders above a file in which a package is searched for
+ABOVE = 3  # … and which of them may be packages by their names alone
 MOST_PACKAGES = 200
 _NAME = re.compile(rb"<name>\s*([\w.-]+)\s*</name>")
 
@@ -42,7 +43,7 @@ def expanded(path: Path, args: dict, folders) -> bytes:
         need = "xacro files are expanded by the pip package xacro; install it with: pip install 'pinconsist[xacro]'"
         raise MissingExtraError(need)
     packages = _packages(path, folders)
-    allowed = [path.parent.resolve(), *folders, *packages.values()]
+    allowed = [path.parent.resolve(), *folders, *(packages[name] for name in _named(path, packages))]
     request = {
         "path": str(path.resolve()),
         "args": {key: _argument(value) for key, value in args.items()},
@@ -66,6 +67,13 @@ def expanded(path: Path, args: dict, folders) -> bytes:
     return answer["text"].encode()
 
 
+def _named(path, packages) -> list[str]:
+    """The packages of which the file or its neighbours are, or that ``$(find …)`` in the file names."""
+    text = path.read_bytes().decode(errors="replace")
+    named = set(re.findall(r"\$\(find\s+([\w.-]+)\s*\)", text))
+    return [name for name, folder in packages.items() if name in named or (folder / "package.xml").is_file()]
+
+
 def _argument(value) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
@@ -75,12 +83,15 @@ def _packages(path, folders) -> dict[str, Path]:
     found: dict[str, Path] = {}
     around = [path.resolve().parent, *list(path.resolve().parent.parents)[:DEEPEST]]
     own = [folder for folder in around if (folder / "package.xml").is_file()]
+    named = [folder for folder in around[1:ABOVE] if folder not in own and folder.parent != folder]
     for folder in own:
         found.setdefault(_package_name(folder), folder)
         found.setdefault(folder.name, folder)
     beside = [each for folder in own[:1] for each in _inside(folder.parent)]
     given = [Path(folder).resolve() for folder in folders]
     given += [each for folder in given for each in _inside(folder)]
+    for folder in named:  # a copy of a package, which has lost its package.xml
+        found.setdefault(folder.name, folder)
     for folder in (*given, *beside):
         if (folder / "package.xml").is_file():
             found.setdefault(_package_name(folder), folder)

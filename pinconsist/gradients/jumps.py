@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import InputError
 from ..mechanism.breakpoints import jump_offset
 from ..mechanism.system import MechanismSystem
-from .known import Pull
+from ..run.known import Pull
 
 JUMP = 1e-3  # relative to the largest value of the force in the run: smallest jump
 NARROWEST = 1e-12  # relative to the run, and to its times: a change within such an interval is a jump

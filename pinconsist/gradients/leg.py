@@ -12,7 +12,7 @@ import numpy as np
 
 from ..engine.index1 import Index1
 from ..engine.radau_table import table
-from .propagator import Propagator, Step
+from ..run.propagator import Propagator, Step
 
 AT_ONCE = 1e-6  # of a step: times nearer than this to an end count as equal, as shorter steps would be rounding
 

@@ -21,8 +21,8 @@ from ..mechanism.closing import LoopSolver
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.motion import difference_step
 from ..mechanism.system import MechanismSystem
-from .known import SIDES, Known, parts_of
-from .propagator import all_rows
+from ..run.known import SIDES, Known, parts_of
+from ..run.propagator import all_rows
 
 SMOOTH, ROUGH = 3e-8, 1e-5  # relative change of a difference quotient when the step is doubled: desired, and allowed
 MOST_TRIES, SHORTER = 4, 5.0

@@ -18,6 +18,7 @@ from ..mechanism.checks import number
 from ..mechanism.mechanism import Mechanism, with_added_forces
 from ..mechanism.rigid import tilted_hinges
 from ..mechanism.system import MechanismSystem
+from ..run.options import span_of
 from .contestants import CONTESTANTS, FailedError, Rows, Setting, Task
 from .log import aligned, read_log
 from .mjcf import NotTranslatedError
@@ -211,8 +212,8 @@ def referee(
         if used := [name for name, value in given.items() if value is not None]:
             raise InputError(f"{used[0]}: the start, the times and the motion are those of the log")
         return _of_log(mech, log, _tools(tools or ()), below, budget, mjcf)
-    span = (0.0, mech.duration) if t_span is None else tuple(float(each) for each in t_span)
-    if len(span) != 2 or not span[1] > span[0]:
+    span = (0.0, mech.duration) if t_span is None else span_of(t_span)
+    if not span[1] > span[0]:
         raise InputError(f"t_span must be a start and a later end, s, got {t_span!r}")
     mech, motion = without_drives(mech, motion)
     assembly = assemble(mech, q0, v0, t=span[0])

@@ -321,7 +321,7 @@ class _Writer:
         counted = {joint.name for joint in self.joints if joint.kind == "scalar" and len(joint.parts) == 1}
         if isinstance(force, JointDamping) and (spread := self._alike(force)) is not None:
             self._damping += spread
-        elif isinstance(force, JointSpring) and force.joint in counted - self._springs.keys():
+        elif isinstance(force, JointSpring) and force.plain and force.joint in counted - self._springs.keys():
             self._springs[force.joint] = f'stiffness="{force.stiffness!r}" springref="{force.rest!r}"'
         elif isinstance(force, SpringDamper) and force.stiffness >= 0.0:
             self._tendon_spring(force)

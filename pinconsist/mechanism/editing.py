@@ -12,7 +12,7 @@ from .assembly import assemble, impossible_alone
 from .checks import function_name, places, several
 from .closing import CLOSED, LoopSolver, steady
 from .correction import Walk
-from .forces import Actuator, Bushing, Piecewise, SpringDamper, Torque, Wrench
+from .forces import Actuator, Bushing, FluidDrag, Piecewise, SpringDamper, Torque, Wrench
 from .forces.force import ForceRecord
 from .forces.held import HeldRecord
 from .joint_constraints import Coordinate, Coupling, Drive
@@ -190,7 +190,7 @@ def _force(force, mechanism, smaller, locked, state):
         return _actuator(force, mechanism.model, locked, state)
     if isinstance(force, SpringDamper | Bushing):
         return None if _body(smaller, force.frame1) == _body(smaller, force.frame2) else force
-    if isinstance(force, Wrench):
+    if isinstance(force, Wrench | FluidDrag):
         return None if _body(smaller, force.frame) == 0 else force
     if isinstance(force, Piecewise):
         left = _force(force.force, mechanism, smaller, locked, state)

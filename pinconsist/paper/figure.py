@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InputError
-from ..view.panels import clock, new_figure, sparse, style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,6 +45,8 @@ def plot_comparison(rows, file=None) -> Figure:
     MissingExtraError
         matplotlib is not installed.
     """
+    from ..view.panels import clock, new_figure, sparse, style  # needs Pinocchio
+
     if not hasattr(rows, "__iter__"):
         raise InputError(f"plot_comparison needs rows of paper.compare, got {type(rows).__name__}")
     rows = list(rows.values() if isinstance(rows, Mapping) else rows)

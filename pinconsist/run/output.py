@@ -144,6 +144,17 @@ class Record:
     def _row(self, t, *state):
         self._blocks.append((np.array([t]), *(each[None] for each in state)))
 
+    def since(self, t):
+        """(t, p, v) and the order of each step after a time, the latest ones last."""
+        rows, orders = [], []
+        for block, order in zip(reversed(self._blocks), reversed(self._orders), strict=False):
+            n = int(np.searchsorted(self._sign * block[0], self._sign * t, side="right"))
+            rows[:0] = zip(*(each[n:] for each in block[:3]), strict=True)
+            orders[:0] = order[n:]
+            if n:
+                break
+        return rows, orders
+
     def complete_multipliers(self) -> None:
         """Complete the multipliers recorded so far, by the constraint rows that were kept for them."""
         if self._blocks:

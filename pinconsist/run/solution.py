@@ -347,7 +347,7 @@ class Solution(ByName):
         InputError
             No such viewer, or one with joints that the mechanism does not have.
         """
-        from .view.play import play
+        from ..view.play import play
 
         play(self, self._mechanism(mechanism, "at"), viewer, speed, fps)
 

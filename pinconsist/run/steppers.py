@@ -87,6 +87,22 @@ class Stepper(ABC):
             rtol, atol = self.control.wanted
             self._control(rtol, atol, sizes)
 
+    def forget(self) -> None:
+        """Forget the run: the next :meth:`begin` is that of a new one, of the same system."""
+        self._core.unread(self._compiled)
+        self._core.work()  # its counters begin anew
+        self.newton.nfev = self.newton.njev = self.newton.nlu = 0
+        for reason in self.control.reasons:
+            self.control.reasons[reason] = 0
+        self._core.first = self.method.first_step or 0.0
+        rtol, atol = self.control.wanted
+        self._control(rtol, atol, np.zeros(self.system.nx + self.system.nv))
+
+    def off(self, t, p, v) -> float:
+        """How far a state is from the constraints, m, rad and their rates."""
+        _, phi, _, rho = self._compiled.evaluate(t, p, v, v)
+        return float(max(np.abs(phi).max(initial=0.0), np.abs(rho).max(initial=0.0)))
+
     @abstractmethod
     def _new_core(self):
         """The run in C++."""

@@ -9,6 +9,7 @@ from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from ..engine.rounding import shortest_step
 from ..errors import InputError, PinconsistError
@@ -19,12 +20,15 @@ from ..mechanism.forces.actuators import BoundHeldActuator, programmed
 from ..mechanism.mechanism import with_added_forces
 from ..mechanism.rank import require_nonsingular
 from ..mechanism.system import MechanismSystem
+from .discrete import Discrete, StepLinearization
 from .events import EventWatch, as_events
 from .integrate import March, Resumption, Start, march, trajectory_of
 from .options import Options, positive_time, without_backend
 from .output import STOPPED, SUCCESS, Output, Record, Stop
 from .solution import Solution
 from .steppers import stepper_for
+
+ON = 1e-9  # m, rad and their rates: a state that is nearer to the constraints is on them; the first step projects it
 
 
 def _alone(method):
@@ -91,16 +95,19 @@ class Simulation:
         self.mechanism, self._events = programmed(mech), as_events(events, mech)
         self._step, self._columns = step, {}
         self._options = Options(method, step, order, rtol, atol, max_step=max_step)
-        self._free = Lock()
+        self._free, self._quick, self._discrete = Lock(), False, None
         self.reset(q0, v0, t0)
 
     @_alone
     def reset(self, q0=None, v0=None, t0=0.0) -> State:
         """The state at which a new run begins.
 
-        `q0` and `v0` are as in :func:`simulate`; `t0` is the time, s.
+        `q0` and `v0` are as in :func:`simulate`; `t0` is the time, s. Arrays on the constraints, such as the states of
+        runs, need no assembly: the state is then taken as it is, which costs less than a step.
         """
         t0 = number(t0, "t0")
+        if self._taken(q0, v0, t0):
+            return self.state
         solver = LoopSolver(self.mechanism, t0)
         assembly = assembled(solver, q0, v0)
         system = MechanismSystem(self.mechanism, assembly.q, t0, solver)
@@ -108,12 +115,34 @@ class Simulation:
         self._stand(system, t0, assembly.q, assembly.v)
         return self.state
 
+    def _taken(self, q, v, t) -> bool:
+        """Begin at a state that is on the constraints, with the same system; False if an assembly is needed."""
+        if not self._quick or self._changing is not None:
+            return False
+        system = self._stepper.system
+        v = np.zeros(system.nv) if v is None else v
+        sizes = (q, system.npos), (v, system.nv)
+        if any(type(x) is not np.ndarray or x.dtype != float or x.shape != (n,) for x, n in sizes):
+            return False
+        if not system.vector_like and not pin.isNormalized(system.model, q, ON):
+            return False
+        if not self._stepper.off(t, q, v) <= ON * (1.0 + np.abs(v).max(initial=0.0)):
+            return False
+        q, v = q.copy(), v.copy()
+        for each in q, v:
+            each.setflags(write=False)
+        for held in system.held_forces:
+            held.forget()
+        self._stepper.forget()
+        self._begins(system, t, q, v)
+        return True
+
     @_alone
     def copy(self) -> Simulation:
         """A new run from the state and torques of this one, without its history; laws are shared."""
         other, (t, q, v) = object.__new__(type(self)), self.state
         vars(other).update(vars(self))
-        other._free = Lock()
+        other._free, other._discrete = Lock(), None
         other._stand(MechanismSystem(self.mechanism, q, t), t, q, v, self._stepper.system)
         other._hold(t, self._commands)
         other._hold(t, self._torque)
@@ -132,15 +161,40 @@ class Simulation:
         """Where a run will begin, with what controllers hold in the system of another run."""
         self._method = self._options.for_span((t, t + 1.0), system.nv - system.nc)
         self._stepper = stepper_for(system, self._method)
+        self._begins(system, t, q, v, like)
+        self._changing = system if len(system.changing) > 1 + len(self._actuators) else None  # besides by `control`
+        plain = not self._events and self._step is None and system.dropped_are_zero
+        self._quick = plain and self._stepper.passes_changes(False)
+
+    def _begins(self, system, t, q, v, like=None):
+        """A run of the stepper that will begin at a state."""
         self._record = Record(Output(events=self._events), (t, t + 1.0), self._stepper.full_multipliers, bool)
         self._watch = EventWatch(self._events, self._stepper, bool)
         self._control, self._torque, self._commands = system.held_forces[-1], np.zeros(system.nv), {}
         self._actuators = {each.name: each for each in system.held_forces if isinstance(each, BoundHeldActuator)}
         self._place, self._resumes, self._jumped, self._message = (t, q, v), False, False, ""
+        self._before = None
         system.start(t, q, v, False, like)
-        self._changing = system if len(system.changing) > 1 + len(self._actuators) else None  # besides by `control`
-        plain = not self._events and self._step is None and system.dropped_are_zero
-        self._quick = plain and self._stepper.passes_changes(False)
+
+    @_alone
+    def set_parameters(self, values: Mapping[str, float]) -> State:
+        """The state from which a new run of a changed mechanism begins, at the same time and with the same controls.
+
+        `values` are parameters by name, ``{"mass:rod": 0.4}``, as in :meth:`Mechanism.with_parameters`. Where lengths
+        have changed, the loops are closed from the state. Raises InputError for unknown names and values that are not
+        possible, AssemblyError if the loops cannot be closed.
+        """
+        mechanism, (t, q, v) = self.mechanism.with_parameters(values), self.state
+        solver, before = LoopSolver(mechanism, t), self._stepper.system
+        assembly = assembled(solver, q, v)
+        system = MechanismSystem(mechanism, assembly.q, t, solver)
+        require_nonsingular(system, assembly.q)
+        torque, commands = self._torque, self._commands
+        self.mechanism, self._discrete = mechanism, None
+        self._stand(system, t, assembly.q, assembly.v, before)
+        self._hold(t, commands)
+        self._hold(t, torque)
+        return self.state
 
     @_alone
     def step(self, dt, control=None) -> State:
@@ -170,7 +224,7 @@ class Simulation:
             raise InputError(f"the run has ended: {self._message}. Start a new one with reset()")
         if not (isinstance(dt, float) and 0.0 < dt < np.inf):
             dt = positive_time(dt, "dt")
-        t, q, v = self._place
+        t, q, v = self._before = self._place
         t_end = t + dt
         if dt < shortest_step(t):
             raise InputError(f"dt = {dt:g} s is too small to differ from zero at t = {t:g} s")
@@ -206,6 +260,59 @@ class Simulation:
         finally:
             self._place = self._record.last()[:3]
         return self.state
+
+    @_alone
+    def linearized(self, dt=None, *, inputs=None) -> StepLinearization:
+        """How the state after the last step depends on that before it and on the inputs: ``A, B = sim.linearized()``.
+
+        The steps of Radau IIA that were made are differentiated, with torques and commands as they were held. It
+        can be used for several states of controllers: :meth:`copy` and :meth:`reset` change nothing.
+
+        Parameters
+        ----------
+        dt : float, optional
+            First make a step of this duration, s, with the controls held as before.
+        inputs : sequence of str, optional
+            Actuators and joints. Default: all actuators, and the motorised joints that have none; without both, all
+            joints.
+
+        Returns
+        -------
+        StepLinearization
+
+        Raises
+        ------
+        InputError
+            There is no step yet; another method than Radau; an event or a jump of other forces in the step; sampled
+            laws, whose torques depend on states that they have seen; unknown names.
+        """
+        if dt is not None:
+            type(self).step.__wrapped__(self, dt)
+        if self._before is None:
+            raise InputError("there is no step to linearise: call step(dt) first, or linearized(dt)")
+        if self._method.name != "Radau":
+            raise InputError(f"steps of Radau are linearised, not of {self._method.name}: choose method='Radau'")
+        self._up_to_date()
+        rows, orders = self._record.since(self._before[0])
+        if not all(orders):
+            raise InputError("an event, or a force that jumps, acted in the last step: make shorter steps around it")
+        system, names = self._stepper.system, None if inputs is None else tuple(np.atleast_1d(inputs).tolist())
+        key = system, names
+        if self._discrete is None or self._discrete[0] != key or self._actuators:  # they may be at their limits
+            self._discrete = key, Discrete(system, names, self._before[0])
+        return self._discrete[1].along(self._before, rows, orders, self._again)
+
+    def _again(self, start, t_end):
+        """The steps from a state (t, q, v) to a time, made once more under what is held, as segments."""
+        stepper, steps = stepper_for(self._stepper.system, self._options.for_span((start[0], t_end))), []
+        stepper.begin(*start, t_end)
+        while stepper.t != t_end:
+            batch = stepper.steps(t_end, stepper.batch, True)
+            if batch.failure:
+                raise PinconsistError(f"the last step cannot be linearised: {batch.failure}")
+            steps += [batch.curve.plain(i) for i in range(len(batch.t))]
+        stepper.close()
+        return steps
 
     def _up_to_date(self):
         if not self._record.begun:

@@ -3,6 +3,7 @@
 import numpy as np
 
 import pinconsist as pc
+from pinconsist.mechanism.forces import FluidDrag
 
 
 def law(t, q, v):
@@ -23,6 +24,11 @@ FORCES = {  # on mixed_tree: joints hinge, slide, ball, float, turn, glide
     "damping of all": pc.JointDamping(np.arange(15.0)),
     "friction": pc.JointFriction({"slide": 0.5, "turn": 3.0, "ball": 1.0}, width=0.5),
     "hinge spring": pc.JointSpring("hinge", 30.0, 0.4),
+    "hinge spring with a damper": pc.JointSpring("hinge", 30.0, 0.4, 2.0),
+    "spring of a tendon": pc.JointSpring({"hinge": 1.5, "slide": -2.0}, 30.0, 0.4, 2.0),
+    "slack spring": pc.JointSpring({"hinge": 1.5, "slide": -2.0}, 30.0, (-0.1, 0.05), 0.5),
+    "spring of a ball": pc.JointSpring("ball", 30.0, (0.1, 0.2, -0.3, 0.9), 2.0),
+    "spring of a free joint": pc.JointSpring("float", 30.0, (0.1, 0.2, -0.3, 0.0, 0.1, 0.2, 0.9)),
     "slide spring": pc.JointSpring("slide", 30.0),
     "spring of an unbounded hinge": pc.JointSpring("turn", 30.0, 0.4),
     "spring": pc.SpringDamper("arm", "raft", 30.0, 0.4, xyz1=(0.1, -0.2, 0.3), xyz2=(-0.3, 0.2, 0.1)),
@@ -39,6 +45,8 @@ FORCES = {  # on mixed_tree: joints hinge, slide, ball, float, turn, glide
         (-0.3, 0.2, 0.1),
     ),
     "bushing on the ground": pc.Bushing("universe", "wheel", (30, 20, 10, 4, 5, 6), rpy1=(0.1, 0.2, 1.8)),
+    "drag": FluidDrag("arm", (0.1, 0.2, 0.3), 100.0, 2.0, (1, 2, 3), (0.1, 0.2, 0.3), (0.3, 0.2, 0.1)),
+    "viscous drag": FluidDrag("raft", (0.1, 0.2, 0.3), 0.0, 2.0),
     "torque": pc.JointTorque({"hinge": 2.0, "ball": (1, 2, 3)}),
     "torque of time": pc.JointTorque({"hinge": np.sin, "ball": wave, "slide": 3}),
     "servo": pc.Servo("hinge", np.sin, 20.0, 3.0),

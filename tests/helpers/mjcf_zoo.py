@@ -162,3 +162,23 @@ ZOO |= {
     + '<custom><numeric name="n" data="1"/></custom><tendon><spatial limited="true" range="0 1"><site site="s"/>'
     + '<site site="t"/></spatial></tendon><visual><map znear="0.1"/></visual>',
 }
+
+TENDONS = """<tendon><fixed name="t" {}><joint joint="l" coef="2"/><joint joint="r" coef="-0.5"/></fixed>
+<fixed name="u"><joint joint="r" coef="1"/></fixed></tendon>"""
+TIED = '<tendon tendon1="t" tendon2="u" polycoef="0.1 2 0.3 -0.1 0.2"/><tendon tendon1="u" polycoef="0.1 0 0 0 0"/>'
+ZOO |= {
+    "tendon with a spring": ARMS.format("") + TENDONS.format('stiffness="3" damping="0.4"'),
+    "tendon with a slack spring": ARMS.format("") + TENDONS.format('stiffness="3" springlength="-0.1 0.2"'),
+    "tendon with a length": ARMS.format("") + TENDONS.format('stiffness="3" springlength="0.7"'),
+    "tied tendons": ARMS.format(TIED) + TENDONS.format("").replace('<joint joint="r" coef="-0.5"/>', "", 1),
+    "tied tendons of one joint": ARMS.format(TIED.replace("0.3 -0.1 0.2", "0 0 0")) + TENDONS.format(""),
+    "cable with a spring": ARMS.format("")
+    + '<tendon><spatial stiffness="3" damping="0.4"><site site="s"/><site site="w"/></spatial></tendon>',
+    "fluid": '<option density="1000" viscosity="3" wind="1 -2 0.5"/>'
+    + chain(("", SKEW + BRICK), ('euler="5 6 7"', JOINTS["ball"] + ROD)),
+    "springs of a ball and a free joint": '<option gravity="0 0 0"/>'  # its armature is a mass without weight
+    + world(
+        body('<joint type="free" stiffness="2" armature="0.3"/>' + BRICK, 'pos="1 2 3" euler="10 20 30"'),
+        body('<joint type="ball" stiffness="3" damping="0.2"/>' + ROD),
+    ),
+}

@@ -28,7 +28,7 @@ PARAMETERS = {  # those after the bar by name only
     "JointForce": "joint axes t force moment not_unique shared_with resultant_of resultant_force resultant_moment "
     "taken_as_torques",
     "JointFriction": "coefficients width",
-    "JointSpring": "joint stiffness rest",
+    "JointSpring": "joint stiffness rest damping",
     "JointTorque": "torques",
     "Judgement": "mechanism t reference agreement rows cheapest not_judged left_out below notes",
     "Linearization": "t q v a lam coordinates Z mass damping stiffness",
@@ -52,6 +52,7 @@ PARAMETERS = {  # those after the bar by name only
     " held sol t_events q_events v_events system",
     "Bushing": "frame1 frame2 stiffness damping xyz1 rpy1 xyz2 rpy2",
     "SpringDamper": "frame1 frame2 stiffness length damping xyz1 xyz2",
+    "StepLinearization": "A B inputs t q v",
     "Torque": "function gradient",
     "Wrench": "frame force moment axes xyz",
     "assemble": "mechanism q0 v0 | fixed t tolerance",

@@ -9,11 +9,11 @@ import numpy as np
 from pinconsist import engine
 from pinconsist.engine.index1 import Index1
 from pinconsist.engine.systems import compiled_system
-from pinconsist.gradients.propagator import Propagator
 from pinconsist.mechanism.rank import null_space
 from pinconsist.mechanism.system import MechanismSystem
 from pinconsist.paper.index1 import acceleration, projected
 from pinconsist.run import steppers
+from pinconsist.run.propagator import Propagator
 
 LOOSE = {"rtol": 5e-3, "atol": 5e-5}  # errors far above rounding, which step-size control amplifies
 SMALL = 1e-4  # step of differences of fourth order

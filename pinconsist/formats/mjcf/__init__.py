@@ -1,7 +1,8 @@
 """MJCF files: MuJoCo compiles them (``pip install 'pinconsist[mjcf]'``), and the compiled model is converted.
 
-Supported are bodies with any number of hinge, slide, ball and free joints; inertias and sites; connect, weld and joint
-equalities; damping, dry friction, springs and armature of joints; gravity and gravity compensation. So are motor,
+Supported are bodies with any number of hinge, slide, ball and free joints; inertias and sites; connect, weld, joint and
+tendon equalities; damping, dry friction, springs and armature of joints and of fixed tendons, springs and dampers of
+tendons between two sites; gravity and gravity compensation. So are motor,
 position, velocity and general actuators of joints, with affine gain and bias, gear and limits. Their controls are those
 of the first keyframe if there is one; otherwise they are zero, and a position actuator holds ``ref``.
 
@@ -56,7 +57,8 @@ def read(path: Path, name: str, folders) -> RobotFile:
     except RecursionError:
         raise FormatError("elements are nested too deeply") from None
     start = tree.configuration(compiled.key_qpos[0] if compiled.nkey else compiled.qpos0)
-    guess = {joint: start[places(tree.model, i)[0]] for i, joint in enumerate(tree.joints, start=1)}
+    joints = (*tree.joints, *tree.tendons)
+    guess = {joint: start[places(tree.model, i)[0]] for i, joint in enumerate(joints, start=1)}
     shapes = _visible(compiled, stand_ins, tree.bodies, source.meshes)
     actuated = tuple(joint for joint, _ in actuators if joint)
     ignored = counted(compiled, tree.off).lines()

@@ -10,7 +10,7 @@ from numpy.polynomial import Polynomial
 
 from ...errors import FormatError, InputError, warn
 from ...mechanism.checks import places
-from ...mechanism.forces import Actuator, JointSpring, Wrench
+from ...mechanism.forces import Actuator, FluidDrag, JointSpring, SpringDamper, Wrench
 from ...mechanism.joint_constraints import Coupling, Drive
 from ...mechanism.loops import GROUND, Loop, anchor
 from ...mechanism.motion import Motion
@@ -20,7 +20,8 @@ _FREE, _BALL, _SLIDE, _HINGE = range(4)
 _KINDS = ("free", "ball", "slide", "hinge")
 _EQUALITIES = ("connect", "weld", "joint")
 _SITE = 6
-_TENDON, _WRAPS_JOINT = 3, 1  # a kind of transmission, and a kind of tendon element
+_TENDON = 3  # a kind of transmission
+_WRAPS_JOINT, _WRAPS_SITE = 1, 3  # kinds of tendon elements
 _AXES = {(1.0, 0.0, 0.0): "X", (0.0, 1.0, 0.0): "Y", (0.0, 0.0, 1.0): "Z"}
 _JOINTS = {_SLIDE: ("P", pin.JointModelPrismaticUnaligned), _HINGE: ("R", pin.JointModelRevoluteUnaligned)}
 _POSITIVE = "jnt_stiffness dof_armature dof_damping dof_frictionloss".split()
@@ -30,7 +31,7 @@ _FINITE = (
 ).split() + _POSITIVE
 _ZERO = (
     "jnt_springyield jnt_stiffnesspoly dof_dampingpoly actuator_armature actuator_damping actuator_dampingpoly "
-    "tendon_stiffness tendon_damping tendon_frictionloss tendon_armature"
+    "tendon_stiffnesspoly tendon_dampingpoly"
 ).split()
 """Quantities that act on the bodies in MuJoCo and are not supported here; older versions lack some of them."""
 
@@ -50,6 +51,7 @@ class Tree:
         self.model = model = pin.Model()
         model.name = name
         model.gravity.linear = np.array(m.opt.gravity) * ("gravity" not in self.off)
+        self._weightless: list[tuple[int, float]] = []  # joint, mass on it on which gravity does not act
         self._stands = stands = []  # joint, place on it, frame
         for body in range(m.nbody):
             joint, place, frame = stands[m.body_parentid[body]] if body else (0, pin.SE3.Identity(), 0)
@@ -63,10 +65,33 @@ class Tree:
                 model.appendBodyToJoint(joint, pose(m.body_ipos[body], m.body_iquat[body]).act(inertia), place)
             if m.body_mocapid[body] >= 0:
                 warn(f"{_element(m, 'body', body)}: nothing moves a mocap body here; it stays fixed")
+        self.tendons = self._add_tendons()
         for site in np.flatnonzero(self.sites):
             joint, place, frame = stands[m.site_bodyid[site]]
             place = place * pose(m.site_pos[site], m.site_quat[site])
             model.addFrame(pin.Frame(self.sites[site], joint, frame, place, pin.FrameType.OP_FRAME))
+
+    def _add_tendons(self) -> dict[str, dict[str, float]]:
+        """Add a slide without mass for each tendon with an inertia or dry friction, whose position is its length.
+
+        Returns the joints of these tendons with their shares; a coupling makes the slide follow them.
+        """
+        m, model, found = self._m, self.model, {}
+        friction = m.tendon_frictionloss * (not {"frictionloss", "constraint"} & self.off)
+        for tendon in np.flatnonzero((m.tendon_armature != 0) | (friction != 0)):
+            shares = {self.joints[joint]: share for joint, share in self._moved(_TENDON, tendon).items() if share}
+            if not shares:
+                raise _tendon_error(m, tendon, "an armature or frictionloss is supported for fixed tendons only")
+            name = m.tendon(tendon).name or f"tendon {tendon + 1}"
+            while name in (*model.names, *self.bodies, *self.sites, *found):
+                name += "_tendon"
+            joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), name)
+            model.addJointFrame(joint)
+            v = places(model, joint)[1]
+            model.armature[v] = m.tendon_armature[tendon]
+            model.lowerDryFrictionLimit[v], model.upperDryFrictionLimit[v] = -friction[tendon], friction[tendon]
+            found[name] = shares
+        return found
 
     def _add_joint(self, j, parent, place):
         """Add a joint to a body at `place` on the parent joint; return the joint, and the body's placement on it."""
@@ -90,6 +115,11 @@ class Tree:
         q, v = places(model, joint)
         friction = m.dof_frictionloss[v] * (not {"frictionloss", "constraint"} & self.off)
         model.armature[v], model.damping[v] = m.dof_armature[v], m.dof_damping[v] * ("damper" not in self.off)
+        if kind == _FREE and m.dof_armature[v].any():  # along the world's axes: a mass without weight at the origin
+            mass = float(m.dof_armature[v][0])
+            model.armature[v] = 0.0
+            model.appendBodyToJoint(joint, pin.Inertia(mass, np.zeros(3), mass * np.eye(3)), pin.SE3.Identity())
+            self._weightless.append((joint, mass))
         model.lowerDryFrictionLimit[v], model.upperDryFrictionLimit[v] = -friction, friction
         if kind in _JOINTS:
             ends = m.jnt_range[j] if m.jnt_limited[j] else (-np.inf, np.inf)
@@ -103,18 +133,85 @@ class Tree:
             if kind not in _JOINTS:
                 turn = start + 3 * (kind == _FREE) + np.arange(4)
                 q[turn] = np.roll(q[turn], -1)
-        return q
+        index = {joint: i for i, joint in enumerate(self.joints)}
+        lengths = [
+            sum(share * q[self._m.jnt_qposadr[index[joint]]] for joint, share in shares.items())
+            for shares in self.tendons.values()
+        ]
+        return np.concatenate((q, lengths))
 
     def forces(self):
         """Springs of joints, and forces that compensate gravity."""
         m = self._m
         for j in np.flatnonzero(m.jnt_stiffness) if "spring" not in self.off else ():
-            yield JointSpring(self.joints[j], float(m.jnt_stiffness[j]), float(m.qpos_spring[m.jnt_qposadr[j]]))
+            yield JointSpring(self.joints[j], float(m.jnt_stiffness[j]), self._rest(j))
+        if (m.opt.density or m.opt.viscosity) and not {"spring", "damper"} <= self.off:
+            yield from self._drags()
+        for tendon in range(m.ntendon):
+            yield from self._tendon(tendon)
+        for joint, mass in self._weightless:
+            yield Wrench(self.joints[joint - 1], tuple((-mass * self.model.gravity.linear).tolist()))
         if not {"spring", "damper"} <= self.off:  # together, the two flags disable all passive forces
             for body in np.flatnonzero(m.body_gravcomp * m.body_mass):
                 force = -m.body_gravcomp[body] * m.body_mass[body] * self.model.gravity.linear
                 if self._stands[body][0]:
                     yield Wrench(self.bodies[body], tuple(force), xyz=tuple(m.body_ipos[body]))
+
+    def _drags(self):
+        """The drag of each body in the fluid, that of a box with its mass and inertia."""
+        m, wind = self._m, tuple(np.array(self._m.opt.wind).tolist())
+        for body in range(m.nbody):
+            if self._stands[body][0] and m.body_mass[body] > 0.0:
+                a, b, c = m.body_inertia[body]
+                sizes = np.sqrt(np.maximum(6.0 * np.array([b + c - a, a + c - b, a + b - c]) / m.body_mass[body], 0.0))
+                place = pose(m.body_ipos[body], m.body_iquat[body])
+                own = tuple(place.translation.tolist()), tuple(pin.rpy.matrixToRpy(place.rotation).tolist())
+                fluid = float(m.opt.density), float(m.opt.viscosity)
+                yield FluidDrag(self.bodies[body], tuple(sizes.tolist()), *fluid, wind, *own)
+
+    def _rest(self, j):
+        """Where the spring of a joint is unloaded: a number, or those of a ball or free joint in q."""
+        m, start = self._m, self._m.jnt_qposadr[j]
+        if m.jnt_type[j] in _JOINTS:
+            return float(m.qpos_spring[start])
+        size = 4 if m.jnt_type[j] == _BALL else 7
+        rest = np.array(m.qpos_spring[start : start + size])
+        rest[-4:] = np.roll(rest[-4:], -1)
+        return tuple(rest.tolist())
+
+    def _tendon(self, tendon):
+        """The springs and dampers of a tendon; FormatError for what is not supported."""
+        m = self._m
+        stiffness = float(m.tendon_stiffness[tendon]) * ("spring" not in self.off)
+        damping = float(m.tendon_damping[tendon]) * ("damper" not in self.off)
+        if not (stiffness or damping):
+            return
+        low, high = map(float, m.tendon_lengthspring[tendon])
+        rest = low if low == high else (low, high)
+        shares = self._moved(_TENDON, tendon)
+        if shares:
+            joints = {self.joints[joint]: share for joint, share in shares.items()}
+            yield JointSpring(joints, stiffness, rest, damping)
+            return
+        ends = self._sites_of(tendon)
+        if stiffness and isinstance(rest, tuple):
+            if rest[0] > 0.0 or len(ends) != 2:
+                raise _tendon_error(m, tendon, "a springlength of two numbers is supported for fixed tendons only")
+            raise _tendon_error(m, tendon, "a rope that is slack is not supported")
+        if len(ends) == 2:
+            yield SpringDamper(*ends, stiffness, rest if stiffness else 0.0, damping)
+        else:
+            raise _tendon_error(
+                m, tendon, "it passes more than two sites, or a geom or a pulley, with a spring or damper"
+            )
+
+    def _sites_of(self, tendon) -> list[str]:
+        """The sites of a spatial tendon; empty if it has geoms or pulleys."""
+        m, start = self._m, self._m.tendon_adr[tendon]
+        parts = slice(start, start + m.tendon_num[tendon])
+        if (m.wrap_type[parts] != _WRAPS_SITE).any():
+            return []
+        return [self.sites[site] for site in m.wrap_objid[parts].tolist()]
 
     def actuators(self):
         """(joint, Actuator or None) on joints, (None, Actuator) on fixed tendons; warns if one exerts no force."""
@@ -181,6 +278,8 @@ class Tree:
 
     def closures(self):
         """Loops, couplings and drives of the active equality constraints, in their order; warns of the others."""
+        for tendon, shares in self.tendons.items():
+            yield Coupling(tendon, tendon, _plain(shares))
         m, off = self._m, sorted(self.off & {"equality", "constraint"})
         if m.neq:
             data = self.model.createData()
@@ -193,9 +292,12 @@ class Tree:
                 warn(f"equality {name!r}: left out, {reason}")
                 continue
             with located(element=f"equality {name!r}"):
-                if kind not in _EQUALITIES:
+                if kind == "tendon":
+                    yield self._tied(e, name)
+                elif kind not in _EQUALITIES:
                     raise InputError(f"equality of {kind}s is not supported; remove it or set active=false")
-                yield self._coupling(e, name) if kind == "joint" else self._loop(e, kind, name, data)
+                else:
+                    yield self._coupling(e, name) if kind == "joint" else self._loop(e, kind, name, data)
 
     def _loop(self, e, kind, name, data):
         """The loop of a connect or weld, between sites or bodies."""
@@ -221,6 +323,45 @@ class Tree:
         offset, ratio, *higher = law if len(law) > 1 else (*law, 0.0)
         return Coupling(name, joint, other, ratio=ratio, offset=ref1 + offset, higher=tuple(higher))
 
+    def _tied(self, e, name):
+        """L1 - L1(0) = Σ a_i (L2 - L2(0))^i of two tendons, or of one, whose length is then constant."""
+        m, a, ends = self._m, self._m.eq_data[e].tolist(), (self._m.eq_obj1id[e], self._m.eq_obj2id[e])
+        first = self._moved(_TENDON, ends[0])
+        if not first:
+            sites = self._sites_of(ends[0])
+            if len(sites) == 2 and ends[1] < 0:
+                return Loop(name, "distance", *sites, length=float(m.tendon_length0[ends[0]]) + a[0])
+            raise InputError("the tendons of an equality must be fixed ones, or a single one between two sites")
+        shares = {self.joints[joint]: share for joint, share in first.items() if share}
+        length = float(m.tendon_length0[ends[0]])
+        if ends[1] < 0:
+            (joint, share), *others = shares.items()
+            if not others:
+                return Drive(name, joint, Motion(start=(length + a[0]) / share))
+            rest = {other: -each / share for other, each in others}
+            return Coupling(name, joint, rest, 1.0, (length + a[0]) / share)
+        second = {self.joints[joint]: share for joint, share in self._moved(_TENDON, ends[1]).items() if share}
+        if not second:
+            raise InputError("the tendons of an equality must be fixed ones")
+        law = Polynomial(a[:5])(Polynomial((-float(m.tendon_length0[ends[1]]), 1.0))).coef.tolist()
+        offset, ratio, *higher = law if len(law) > 1 else (*law, 0.0)
+        if higher or not shares.keys() & second.keys():
+            return Coupling(name, _plain(shares), _plain(second), ratio, length + offset, tuple(higher))
+        for joint, share in second.items():
+            shares[joint] = shares.get(joint, 0.0) - ratio * share
+        (joint, share), *others = ((joint, share) for joint, share in shares.items() if share)
+        rest = {other: -each for other, each in others}
+        return Coupling(name, _plain({joint: share}), _plain(rest), 1.0, length + offset)
+
+
+def _plain(shares):
+    """One joint with share 1 by its name."""
+    return next(iter(shares)) if list(shares.values()) == [1.0] else shares
+
+
+def _tendon_error(m, tendon, reason):
+    return FormatError(reason, element=_element(m, "tendon", tendon))
+
 
 def pose(pos, quat) -> pin.SE3:
     """The pose of a position and a quaternion w, x, y, z."""
@@ -236,13 +377,13 @@ def _check(m) -> None:
     for key in _ZERO:
         _refuse(m, key, getattr(m, key, np.zeros(0)) != 0, "not supported")
     _refuse(m, "body_plugin", m.body_plugin >= 0, "not supported")
-    rounds, free = m.jnt_type < _SLIDE, m.jnt_type[m.dof_jntid] == _FREE
-    _refuse(m, "jnt_stiffness", rounds & (m.jnt_stiffness != 0), "supported for hinges and slides only")
+    free = m.jnt_type[m.dof_jntid] == _FREE
     _refuse(m, "jnt_actgravcomp", m.jnt_actgravcomp & m.jnt_actfrclimited, "not supported with an actuatorfrcrange")
-    for key in ("dof_armature", "dof_frictionloss"):  # they act along the world's axes
-        _refuse(m, key, free & (getattr(m, key) != 0), "not supported for a free joint; a <freejoint/> has none")
+    _refuse(m, "dof_frictionloss", free & (m.dof_frictionloss != 0), "not supported for a free joint")
     if m.opt.density or m.opt.viscosity:
-        raise FormatError("lift, drag and viscous forces in a fluid are not supported", element="option")
+        shaped = m.geom_bodyid[m.geom_fluid[:, 0] > 0]
+        bad = np.isin(np.arange(m.nbody), shaped)
+        _refuse(m, "body_fluidshape", bad, "not supported: lift and added mass of ellipsoids in a fluid")
     if m.nv == 0:
         raise FormatError("nothing can move: no body has a joint")
 

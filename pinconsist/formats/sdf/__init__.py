@@ -3,7 +3,7 @@
 Versions 1.4 to 1.12 of the specification are supported. A file is converted as follows:
 
 * Links and joints form a graph. A spanning tree of it becomes the model, and the remaining joints close loops
-  (:mod:`.graph` explains which, and how). At q = 0 all bodies have the poses of the file, and all loops are closed.
+  (:mod:`..graph` explains which, and how). At q = 0 all bodies have the poses of the file, and all loops are closed.
 * A link without ``<inertial>`` has 1 kg and 1 kg·m², the defaults of the specification.
 * In SDF a model without a joint to the world floats. Here its root link is fixed at its pose unless
   ``load(..., free_flyer=True)`` lets it float, as for URDF files. ``<static>`` models never move.
@@ -11,10 +11,10 @@ Versions 1.4 to 1.12 of the specification are supported. A file is converted as 
   version 1.7 a link and a joint may have the same name: the joint is then called ``name_joint``.
 * Damping and friction of a ball joint act about all its axes. Position limits are kept in the model, without effect.
 * Gazebo's joint controllers become forces (:mod:`.joints`), and Drake's ``gear_ratio`` and ``rotor_inertia`` of a joint
-  the armature. Contacts, limits, other plugins and extensions are counted (``Mechanism.ignored``); sensors
-  and lights have no effect. Elements that would change the motion and cannot be converted are refused: ``<include>``,
-  kinematic links, inertias computed from shapes, fluid added mass, gravity on some of the links only, plugins and
-  extensions that join bodies.
+  the armature. ``DetachableJoint``, mimic plugins (:mod:`..gazebo`) and Drake's constraints (:mod:`..drake`) act, as do
+  links without gravity, and models are included (:mod:`.includes`). Contacts, limits, other plugins and extensions are
+  counted (``Mechanism.ignored``); sensors and lights have no effect. Kinematic links do not move. Elements that would
+  change the motion and cannot be converted are refused: fluid added mass, plugins and extensions that join bodies.
 * A screw joint becomes Pinocchio's helical joint. A universal joint becomes two hinges, ``name_axis`` and
   ``name_axis2``, with a massless body between them, because ``computeRNEADerivatives`` is wrong for Pinocchio's own
   universal joint.
@@ -28,15 +28,19 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 import pinocchio as pin
 
-from ...errors import warn
-from ...mechanism.forces import JointSpring
-from ..extensions import left_out
+from ...errors import FormatError, warn
+from ...mechanism.forces import JointSpring, Wrench
+from .. import drake, gazebo
+from ..closures import Closure
+from ..extensions import Names, left_out, sorted_records
+from ..graph import JointGraph, build, couplings
 from ..ignored import COLLISIONS, LIMITS, Ignored
 from ..plausible import inertias_of, warn_of_inertias
 from ..reading import DRAKE, RobotFile, closing, finite, parsed, read_bytes, refuse, short_repr, text
 from ..urdf import INERTIA, SHAPES, add_visual, checked, fixed_links, symmetric
-from .document import INFINITE, Body, Document
-from .graph import JointGraph, build, couplings
+from .auto import write_inertias
+from .document import INFINITE, WORLD, Body, Document, join
+from .includes import Includes
 from .joints import LAWS, add_armature, controllers, read_joints
 
 _DEFAULT_INERTIA = dict(zip(INERTIA, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0), strict=True))  # kg·m²
@@ -52,44 +56,125 @@ _log = logging.getLogger(__name__)
 def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), content=None) -> RobotFile:
     """Read an SDF file. Links and `<frame>` elements become frames of the model; a free-flyer is ``root_joint``."""
     content = read_bytes(path) if content is None else content
-    raw = parsed(content)
+    raw, ignored = parsed(content), Ignored()
+    if raw.tag == "gazebo":  # SDF 1.0 to 1.2
+        raw.tag = "sdf"
     left_out([("", each) for tag in _HOLDERS for each in raw.iter(tag)], ignore)
-    holders = [each for tag in _HOLDERS for each in raw.iter(tag)]
-    own = ("mimic", "gearbox_ratio", "gearbox_reference_body")
-    found = [each for holder in holders for each in closing(holder, own)]
-    refuse(found, raw, content, "write it as a <joint> or <mimic> of SDF")
+    Includes(path, folders, ignored, ignore).expand(raw, Path(os.path.abspath(path)))
+    _refuse_foreign(raw, content)
+    drake_joints(raw)
     document = Document(raw)
+    folders = [Path(folder).resolve() for folder in folders]
+    write_inertias(document, lambda shape: _mesh_file(shape, folders))
     joints = read_joints(document)
-    robot = checked(in_urdf(document, [Path(folder).resolve() for folder in folders]), name)
+    robot = checked(in_urdf(document, folders), name)
     graph = JointGraph(document, joints)
     if len(graph.roots) > 1:
         warn(f"{path}: no joints connect {', '.join(map(repr, graph.roots))} to each other or to the world")
+    if free_flyer and not graph.roots:
+        raise FormatError("nothing can float: all links are connected to the world; omit free_flyer")
     model, guess = build(document, graph, inertias(document), name, free_flyer)
     warn_of_inertias(path, inertias_of(robot, model))
-    if weightless(document):
-        model.gravity.linear = np.zeros(3)
+    weights = weightless(document, model, ignored)
     motions = [motion for joint in graph.joints for motion in zip(joint.parts, joint.axes, strict=False)]
     springs = [JointSpring(part, axis.stiffness, axis.reference) for part, axis in motions if axis.stiffness]
-    guess |= {part: axis.initial for part, axis in motions if axis.initial and model.existJointName(part)}
-    shapes, loops = tostring(robot, encoding="unicode"), tuple(graph.loops(document))
+    shapes = tostring(robot, encoding="unicode")
     add_armature(joints, model)
+    loops, followers, forces = sorted_records(_joined(document, model, ignored))
+    loops = tuple(_moving(loops, model, ignored))
     acting = controllers(document, joints, model)
+    ignored = _ignored(raw, ignored).lines()
     return RobotFile(
-        model, shapes, loops, tuple(couplings(joints)), forces=(*springs, *acting), guess=guess,
-        actuated=tuple(dict.fromkeys(force.joint for force in acting)), ignored=_ignored(raw).lines(),
+        model, shapes, (*graph.loops(), *loops), (*couplings(joints), *followers),
+        forces=(*springs, *weights, *forces, *acting), guess=guess,
+        actuated=tuple(dict.fromkeys(force.joint for force in acting)), ignored=ignored,
     )  # fmt: skip
 
 
-def _ignored(raw: Element) -> Ignored:
-    """What has no effect in a parsed file; misspelt elements of SDF itself are logged one by one."""
-    ignored = Ignored()
+def _refuse_foreign(raw: Element, content) -> None:
+    """Raise FormatError for unsupported extensions that close loops; see :func:`refuse`."""
+    known = ("mimic", "gearbox_ratio", "gearbox_reference_body", "drake:joint", "drake:mimic", *drake.TAGS)
+    found = [each for tag in _HOLDERS for holder in raw.iter(tag) for each in closing(holder, known)]
+    found = [(tag, element) for tag, element in found if not gazebo.reads(element)]
+    refuse(found, raw, content, "write it as a <joint> or <mimic> of SDF")
+
+
+def drake_joints(raw: Element) -> None:
+    """Replace ``<drake:joint>`` and ``<drake:mimic>`` by the elements of SDF that mean the same; see :mod:`.drake`."""
+    for element in (each for model in list(raw.iter("model")) for each in model.findall(DRAKE + "joint")):
+        for each in element.iter():
+            each.tag = str(each.tag).removeprefix(DRAKE)
+        kind = element.get("type", "")
+        if kind not in drake.TYPES:
+            reason = f"type {kind[:40]!r} is not one of {', '.join(drake.TYPES)}"
+            raise FormatError(reason, element=f"drake:joint {element.get('name')!r}")
+        axes = {"universal": ("1 0 0", "0 1 0"), "screw": ("0 0 1",)}.get(kind, ())
+        for tag, axis in zip(("axis", "axis2"), axes, strict=False):
+            if element.find(tag) is None:
+                SubElement(SubElement(element, tag), "xyz").text = axis
+    for joint in raw.iter("joint"):
+        for holder in (joint, *joint.findall("axis")):
+            for mimic in holder.findall(DRAKE + "mimic"):
+                holder.remove(mimic)
+                axis = holder if holder.tag == "axis" else joint.find("axis")
+                own = SubElement(joint if axis is None else axis, "mimic", joint=mimic.get("joint", ""))
+                for key, default in (("multiplier", "1"), ("offset", "0")):
+                    given = mimic.get(key) or mimic.findtext(DRAKE + key) or default
+                    SubElement(own, key).text = given
+
+
+def _joined(document, model, ignored):
+    """The loops, couplings and forces of plugins and Drake's elements of the models of a file."""
+    links, joints = list(document.bodies), list(model.names)[1:]
+    frames = {}
+    for name, (body, pose) in document.frames.items():
+        frames[name] = body, pose if body == WORLD else document.bodies[body].pose.actInv(pose)
+    for full, node in document.models.items():
+        scope = document.short(join(full, ""))
+        own = _Scoped(node.get("name"), links, joints, frames, scope, list(document.models))
+        yield from drake.joined(node, own, ignored)
+        yield from gazebo.joined(node, own, ignored)
+
+
+def _moving(loops, model, ignored):
+    """The loops without those that join bodies which do not move."""
+    for loop in loops:
+        ends = [model.frames[model.getFrameId(each)].parentJoint if model.existFrame(each) else 0
+                for each in (loop.frame1, loop.frame2)]  # fmt: skip
+        if ends[0] == ends[1] and isinstance(loop, Closure):
+            ignored.add("weld of bodies that do not move")
+        else:
+            yield loop
+
+
+class _Scoped(Names):
+    """Names of one model: relative to it, or full."""
+
+    def __init__(self, title, links, joints, frames, scope, models):
+        super().__init__(title, links, joints, frames)
+        self._scope, self._models = scope, [model.rpartition("::")[2] for model in models]
+
+    def link(self, name, element):
+        own = self._scope + name.strip()
+        return own if own in self.links else super().link(name, element)
+
+    def joint(self, name, element):
+        own = self._scope + name.strip()
+        return own if own in self.joints else super().joint(name, element)
+
+    def place(self, name, element):
+        return super().place(self._scope + name if self._scope + name in self.frames else name, element)
+
+
+def _ignored(raw: Element, ignored: Ignored) -> Ignored:
+    """Add what has no effect in a parsed file; misspelt elements of SDF itself are logged one by one."""
     for holder in (each for tag in ("world", "model") for each in raw.iter(tag)):
         for plugin in holder.findall("plugin"):
-            if plugin.get("name", "").rpartition("::")[2] not in (*LAWS, *_SYSTEMS):
+            if plugin.get("name", "").rpartition("::")[2] not in (*LAWS, *_SYSTEMS) and not gazebo.reads(plugin):
                 ignored.add_plugin(plugin)
         ignored.add("gripper", len(holder.findall("gripper")))
         ignored.add("actor", len(holder.findall("actor")))
-        ignored.add_unknown([each for each in holder if "}" in str(each.tag)], ())
+        ignored.add_unknown([each for each in holder if "}" in str(each.tag)], drake.TAGS)
     static = [model for model in raw.iter("model") if model.findtext("static", "").strip() in ("1", "true")]
     fixed = {link for model in static for link in model.iter("link")}
     for link in raw.iter("link"):
@@ -136,26 +221,27 @@ def inertias(document: Document) -> dict[str, pin.Inertia]:
     return found
 
 
-def weightless(document: Document) -> bool:
-    """Whether gravity acts on none of the moving links; FormatError if it acts on some of them only."""
+def weightless(document: Document, model: pin.Model, ignored: Ignored) -> tuple[Wrench, ...]:
+    """The forces that carry the weights of links on which gravity does not act; without any, gravity is zero."""
     pulled, free = [], []
     for name, body in document.bodies.items():
-        if body.node.flag("kinematic"):
-            raise body.node.error("kinematic links, which a program moves, are not supported")
         if any(body.node.child("velocity_decay").value(tag) for tag in ("linear", "angular")):
             warn(f"{body.node.name}: velocity_decay has no effect")
         if not body.static:
-            (pulled if body.node.flag("gravity", True) else free).append((name, body.node))
-    if pulled and free:
-        raise free[0][1].error(
-            f"gravity is off for this link, but on for {pulled[0][0]!r}; it can be switched off only for all links"
-        )
-    return bool(free)
+            (pulled if body.node.flag("gravity", True) else free).append(name)
+    if free and not pulled:
+        model.gravity.linear = np.zeros(3)
+        return ()
+    found, own = [], inertias(document)
+    for name in free:
+        frame = model.frames[model.getFrameId(name)]
+        if frame.parentJoint and own[name].mass:
+            force = tuple((-own[name].mass * model.gravity.linear).tolist())
+            found.append(Wrench(name, force, xyz=tuple(own[name].lever.tolist())))
+    return tuple(found)
 
 
 def _inertial(out, node):
-    if node.truth(node.get("auto", "false")):
-        raise node.error("inertias computed from shapes (auto) are not supported; give their values")
     if node.child("fluid_added_mass"):
         raise node.error("fluid_added_mass is not supported")
     SubElement(out, "mass", value=text(node.value("mass", 1.0)))
@@ -180,6 +266,17 @@ def _visual(link, node, body: Body, document, folders):
     material = node.child("material")
     colour = (material.child("diffuse").text() or material.child("ambient").text()).split()
     add_visual(link, place, kind, sizes, " ".join([*colour, "1"] if len(colour) == 3 else colour))
+
+
+def _mesh_file(shape, folders) -> Path:
+    """The file of a mesh whose volume is needed."""
+    uri = shape.word("uri")
+    name = _mesh(uri, folders, shape.child("uri")).rpartition("://")[2]
+    for folder in folders:
+        for start in (folder, folder.parent):
+            if (start / name).is_file() and (start / name).resolve().is_relative_to(folder):
+                return start / name
+    raise shape.error(f"the inertia depends on the mesh {short_repr(uri)}, which is not in the folder of the scene")
 
 
 def _mesh(uri, folders, node):

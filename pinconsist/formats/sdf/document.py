@@ -16,6 +16,7 @@ from ...errors import FormatError, warn
 from ...mechanism.loops import unit
 from ..plausible import warn_of_degrees
 from ..reading import Node, floats, near, require_known, short_repr
+from .includes import VERSION
 
 WORLD = "world"
 OLDEST = (1, 4)
@@ -99,13 +100,6 @@ class SdfNode(Node):
             if tag not in known and "}" not in tag:  # extensions are counted
                 warn(f"{self.name}: the element <{tag}> is not known and has no effect{near(tag, known)}")
 
-    def refuse_includes(self) -> None:
-        if include := self.child("include"):
-            raise self.error(
-                f"<include> of {include.child('uri').text()[:80]!r}: other files are not read. `gz sdf -p file` "
-                "writes a single file that contains everything"
-            )
-
 
 class Body(NamedTuple):
     """A link: its element, its pose in the world, the model that it belongs to, and whether it is fixed."""
@@ -153,13 +147,14 @@ class Document:
                 warn("world: <state> has no effect; the models are placed by their own poses")
             holder = top if self.version > (1, 5) else top.child("physics")
             self.gravity = np.array(holder.values("gravity", GRAVITY))
-        top.refuse_includes()
         models, self._cut = top.children("model"), 0  # length of the prefix that the mechanism drops
         if len(models) == 1 and not top.child("joint") and not top.child("frame"):
             self._cut = len(join(models[0].get("name"), ""))
         self._all: dict[str, Frame] = {}  # by full name, like the following dictionaries
         self._poses = {WORLD: pin.SE3.Identity()}
         self._links, self._extra, self._canonical = {}, [], []
+        self._versions: dict[str, tuple[int, ...]] = {}  # of included models, by full name
+        self.models: dict[str, SdfNode] = {}  # by full name
         for model in models:
             self._model(model, "", False, 0)
         self._joints_and_frames(top, "", False)
@@ -176,7 +171,9 @@ class Document:
         full = self._name(node, "model", scope)
         if depth > DEEPEST:
             raise node.error(f"models are nested more than {DEEPEST} deep")
-        node.refuse_includes()
+        self.models[full] = node
+        if node.get(VERSION):
+            self._versions[full] = tuple(int(word) for word in node.get(VERSION).split(".") if word.isdigit())
         node.warn_unknown(_MODEL)
         static = static or node.flag("static")
         inner = [each.get("name") for tag in ("link", "model") for each in node.children(tag)]
@@ -190,7 +187,7 @@ class Document:
         for link in node.children("link"):
             name = self._name(link, "link", full)
             self._add(name, link, full, None)
-            self._links[name] = link, full, static
+            self._links[name] = link, full, static or link.flag("kinematic")
         for each in node.children("model"):
             self._model(each, full, static, depth + 1)
         self._joints_and_frames(node, full, static)
@@ -200,7 +197,7 @@ class Document:
         for joint in node.children("joint"):
             full = self._name(joint, "joint", scope)
             child = joint.child("child").text()
-            if self.version < FRAMES and full in self._links:  # allowed before 1.7
+            if self.version_of(scope) < FRAMES and full in self._links:  # allowed before 1.7
                 full += "_joint"
             self._add(full, joint, scope, (scope, child), child)
             if not static:
@@ -226,6 +223,14 @@ class Document:
         if full in self._all:
             raise node.error(f"{self._all[full].element} has the same name")
         self._all[full] = Frame(node.name, pose, (scope, given or base), attached, placement)
+
+    def version_of(self, scope: str) -> tuple[int, ...]:
+        """The version of the file from which the model with this full name comes."""
+        while scope:
+            if scope in self._versions:
+                return self._versions[scope]
+            scope = scope.rpartition("::")[0]
+        return self.version
 
     def short(self, full: str) -> str:
         """The name in the mechanism and in messages: the full name, without the model's if the file has only one."""

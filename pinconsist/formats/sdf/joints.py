@@ -7,24 +7,25 @@ Source: API of gz-sim.
 """
 
 import math
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 
 from ...errors import warn
 from ...mechanism.forces import Actuator
 from ...mechanism.loops import unit
+from ..graph import Axis, Follower, Joint
 from ..reading import DRAKE
 from .document import FRAMES, WORLD, Document, SdfNode
 
-AXES = dict.fromkeys(("revolute", "continuous", "prismatic", "screw"), 1) | dict.fromkeys(("ball", "fixed"), 0)
+AXES = dict.fromkeys(("revolute", "continuous", "prismatic", "screw"), 1) | dict.fromkeys(
+    ("ball", "fixed", "planar"), 0
+)
 AXES |= dict.fromkeys(("universal", "revolute2", "gearbox"), 2)
 """Joint type → its number of axes."""
 PARALLEL = 1e-6  # sine of the angle between two axes below which they count as parallel
 _PARTS = ("parent", "child", "pose", "axis", "axis2", "physics", "sensor", "gearbox_ratio", "gearbox_reference_body")
-_PARTS += ("thread_pitch", "screw_thread_pitch")
+_PARTS += ("thread_pitch", "screw_thread_pitch", "damping")
 _IN_AXIS = ("xyz", "dynamics", "limit", "mimic", "use_parent_model_frame", "initial_position")
 LAWS = {  # default gains (proportional, integral, derivative), flag of the command mode, element of the command
     "ApplyJointForce": ((0.0, 0.0, 0.0), "", ""),
@@ -34,54 +35,6 @@ LAWS = {  # default gains (proportional, integral, derivative), flag of the comm
 _GAINS = ("p_gain", "i_gain", "d_gain")
 
 
-class Follower(NamedTuple):
-    """The `<mimic>` of an axis: its position = ratio · position of the leader's axis + offset."""
-
-    joint: str
-    axis: int
-    ratio: float
-    offset: float
-
-
-@dataclass(frozen=True, eq=False)
-class Axis:
-    """One axis of a joint, in the joint's frame, and the parameters of the motion along it (SI units)."""
-
-    direction: np.ndarray
-    damping: float = 0.0
-    friction: float = 0.0
-    stiffness: float = 0.0
-    reference: float = 0.0
-    lower: float = -math.inf
-    upper: float = math.inf
-    effort: float = math.inf
-    velocity: float = math.inf
-    initial: float = 0.0
-    follows: Follower | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Joint:
-    """A joint between two bodies, in the configuration of the file."""
-
-    name: str
-    kind: str  # one of `AXES`; ``revolute2`` is replaced by ``universal``, and ``continuous`` by ``revolute``
-    parent: str  # a body, or ``"world"``
-    child: str
-    pose: pin.SE3  # of the joint's frame, in the world
-    axes: tuple[Axis, ...]  # as many as the kind has; the axis of a ball stands for all directions
-    pitch: float = 0.0  # of a screw: m per revolution, positive for a right-handed thread
-    ratio: float = 1.0  # of a gearbox: θ₂ = -ratio θ₁, the angles of child and parent relative to the body `reference`
-    reference: str = ""
-    must_cut: bool = False  # the file requests that this joint close a loop
-    armature: float = 0.0  # of Drake's ``gear_ratio`` and ``rotor_inertia``, kg·m² or kg
-
-    @property
-    def parts(self) -> tuple[str, ...]:
-        """Names of the joints that it becomes: one for each axis if it has two."""
-        return (f"{self.name}_axis", f"{self.name}_axis2") if self.kind == "universal" else (self.name,)
-
-
 def read_joints(document: Document) -> list[Joint]:
     """The joints of a file, without those in static models; FormatError for the first invalid one."""
     return [_Reader(document, scope).joint(full, node) for full, node, scope in document.joints]
@@ -89,7 +42,7 @@ def read_joints(document: Document) -> list[Joint]:
 
 class _Reader:
     def __init__(self, document, scope):
-        self.document, self.version, self.scope = document, document.version, scope
+        self.document, self.version, self.scope = document, document.version_of(scope), scope
 
     def joint(self, full, node) -> Joint:
         name = self.document.short(full)
@@ -112,13 +65,16 @@ class _Reader:
             axes = (replace(axes[0], lower=-math.inf, upper=math.inf),)
         elif kind == "ball":
             axes = (_ball(node.child("axis")),)
+        elif kind == "planar":
+            kind, axes = "compound", _planar(node)
         pitch = _pitch(node) if kind == "screw" else 0.0
         ratio = node.value("gearbox_ratio", 1.0)
         reference = self._body(node, "gearbox_reference_body") if kind == "gearbox" else ""
         must_cut = node.child("physics").child("simbody").flag("must_be_loop_joint")
         kind = {"continuous": "revolute", "revolute2": "universal"}.get(kind, kind)
         armature = _armature(node)
-        return Joint(name, kind, parent, child, pose, axes, pitch, ratio, reference, must_cut, armature)
+        ends = [pose if body == WORLD else self.document.bodies[body].pose.actInv(pose) for body in (parent, child)]
+        return Joint(name, kind, parent, child, *ends, axes, pitch, ratio, reference, must_cut, armature)
 
     def _body(self, node, tag):
         return self.document.body(self.document.resolve(self.scope, node.word(tag), f"{node.name}: {tag}"))
@@ -169,6 +125,13 @@ def _ball(node):
     if stiffness:
         raise node.error("a ball joint has no axis about which a spring could act")
     return Axis(np.zeros(3), damping, friction)
+
+
+def _planar(node):
+    """The axes of a planar joint of Drake, which moves in the x-y plane of its frame."""
+    damping = node.values("damping", (0.0, 0.0, 0.0))
+    axes = zip(np.eye(3), damping, ("prismatic", "prismatic", "revolute"), ("x", "y", "turn"), strict=True)
+    return tuple(Axis(axis, each, kind=kind, label=label) for axis, each, kind, label in axes)
 
 
 def _dynamics(node: SdfNode) -> list[float]:

@@ -262,6 +262,10 @@ class BoundHeldActuator(BoundHeld):
     def set_breakpoints(self, breakpoints) -> None:
         self._actuator.set_breakpoints(breakpoints)
 
+    def command(self, t) -> float:
+        """The command in effect, before clipping."""
+        return self._actuator.command(t)
+
     def _command(self, t):
         held = self.entry(t)
         return None if held is None else float(held[0])

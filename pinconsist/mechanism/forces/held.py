@@ -55,6 +55,11 @@ class BoundHeld(BoundForce):
         if self._table is not None:
             self._table.hold(t, torque)
 
+    def forget(self) -> None:
+        """Forget all entries: a program gives new ones."""
+        self._keys, self._torques, self.entered = [], [], 0
+        self._fill()
+
     def start(self, t, backwards) -> None:
         """Start a run at `t`: the entries up to this time are in effect."""
         if backwards != (self._sign < 0.0):  # reverse the table
@@ -212,7 +217,7 @@ class HeldTorque(HeldRecord):
         return BoundHeld(model.nv, times, torques, sign, self.linear)
 
 
-class _BoundSampled(BoundHeld):
+class BoundSampled(BoundHeld):
     def __init__(self, record, model):
         super().__init__(model.nv)
         self._record, self._columns = record, columns_of(model, record.joints, "Sampled")
@@ -289,7 +294,7 @@ class Sampled(HeldRecord):
     joints: str | Sequence[str] | None = None
     delay: float = 0.0
 
-    _kind, _law = "sampled", _BoundSampled
+    _kind, _law = "sampled", BoundSampled
 
     def __post_init__(self):
         require_functions(self, "Sampled", "(t, q, v)", "law")

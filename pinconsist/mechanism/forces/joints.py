@@ -7,11 +7,25 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+import pinocchio as pin
 
 from ...errors import InputError
 from ..breakpoints import time_function
-from ..checks import amounts, name, number, put, put_checked, require_functions, returned, spread
+from ..checks import (
+    amounts,
+    joint_index,
+    name,
+    number,
+    numbers,
+    places,
+    put,
+    put_checked,
+    require_functions,
+    returned,
+    spread,
+)
 from ..joint_constraints import Coordinate
+from ..loops import unit
 from ..motion import TIME_STEP, Motion, in_time
 from .force import BoundForce, ForceRecord
 
@@ -171,10 +185,10 @@ class _BoundServo(BoundForce):
 
 
 class _BoundSpring(_BoundServo):
-    """A spring: an undamped servo with a constant target, which also stores energy."""
+    """A spring: a servo with a constant target, which also stores energy."""
 
     def __init__(self, spring, model):
-        self._set(spring, model, "sprung", spring.rest)
+        self._set(spring, model, "sprung", spring.rest, spring.damping)
 
     def stored(self, q, v) -> tuple[float, float]:
         deflection = self._coordinate.beyond(q, self._target)
@@ -182,39 +196,167 @@ class _BoundSpring(_BoundServo):
         return 0.5 * load * deflection, load * v[self._coordinate.column]
 
     def hand_over_damper(self, compiled) -> None:
-        """Do nothing: there is no damper."""
+        """Add only the damper to the compiled system, the part without stored energy."""
+        if self._damping:
+            rest = (self._target, 0.0, 0.0, 0.0, 0.0)
+            compiled.add_servo(self._coordinate.place, self._coordinate.period or 0.0, rest, 0.0, self._damping)
+
+
+class _BoundSum(BoundForce):
+    """A spring of a sum of joints, or one that is slack between two lengths."""
+
+    def __init__(self, spring, model):
+        shares = spring.joint if isinstance(spring.joint, Mapping) else {spring.joint: 1.0}
+        self._joints = [Coordinate(model, joint, spring._who, "sprung") for joint in shares]
+        if any(joint.period for joint in self._joints):
+            raise InputError(f"{spring._who}: a joint that stores cosine and sine has no unique share in a sum")
+        self._columns, self._shares = [joint.column for joint in self._joints], np.array(list(shares.values()))
+        rest = spring.rest if isinstance(spring.rest, tuple) else (spring.rest, spring.rest)
+        self._lower, self._upper = rest
+        self._stiffness, self._damping = spring.stiffness, spring.damping
+        self.smooth = self._lower == self._upper
+
+    def _deflection(self, q) -> float:
+        length = self._shares.dot([joint.value(q) for joint in self._joints])
+        return max(length - self._upper, 0.0) + min(length - self._lower, 0.0)
+
+    def torque(self, t, q, v):
+        tau = np.zeros(len(v))
+        rate = self._shares.dot(v[self._columns])
+        tau[self._columns] = -self._shares * (self._stiffness * self._deflection(q) + self._damping * rate)
+        return tau
+
+    def derivatives(self, t, q, v):
+        by_q, by_v = np.zeros((2, len(v), len(v)))
+        places, squares = np.ix_(self._columns, self._columns), np.outer(self._shares, self._shares)
+        if self.smooth or self._deflection(q):
+            by_q[places] = -self._stiffness * squares
+        by_v[places] = -self._damping * squares
+        return by_q, by_v if self._damping else None
+
+    def stored(self, q, v) -> tuple[float, float]:
+        deflection = self._deflection(q)
+        load = self._stiffness * deflection
+        return 0.5 * load * deflection, load * self._shares.dot(v[self._columns])
+
+
+class _BoundBall(BoundForce):
+    """A spring of a ball, τ = -k log(rest⁻¹ q), or of a free joint, also with -k times its displacement."""
+
+    smooth = True
+
+    def __init__(self, spring, model):
+        i = joint_index(model, spring.joint, spring._who)
+        self._model, (self._q, self._v) = model, places(model, i)
+        size = model.nqs[i]
+        rest = spring.rest if isinstance(spring.rest, tuple) else ()
+        if not rest and not spring.rest:
+            rest = (*[0.0] * (size - 4), 0.0, 0.0, 0.0, 1.0)
+        if len(rest) != size:
+            raise InputError(f"{spring._who}: rest needs {size} numbers, those of the joint in q; got {spring.rest!r}")
+        self._at, self._turn = np.array(rest[:-4]), pin.Quaternion(unit(rest[-4:])).toRotationMatrix()
+        self._stiffness, self._damping = spring.stiffness, spring.damping
+
+    def _deflection(self, q):
+        """The rotation from the rest, its vector, and the displacement in the axes of the body."""
+        own = q[self._q]
+        rotation = pin.Quaternion(own[-4:]).toRotationMatrix()
+        turn = self._turn.T @ rotation
+        move = rotation.T @ (own[:-4] - self._at) if len(self._at) else np.zeros(0)
+        return turn, np.concatenate((move, pin.log3(turn)))
+
+    def torque(self, t, q, v):
+        tau = np.zeros(len(v))
+        tau[self._v] = -self._stiffness * self._deflection(q)[1] - self._damping * v[self._v]
+        return tau
+
+    def derivatives(self, t, q, v):
+        by_q, by_v = np.zeros((2, len(v), len(v)))
+        turn, deflection = self._deflection(q)
+        own = np.zeros((len(deflection), len(deflection)))
+        own[-3:, -3:] = pin.Jlog3(turn)
+        if len(self._at):
+            own[:3, :3], own[:3, 3:] = np.eye(3), pin.skew(deflection[:3])
+        by_q[self._v, self._v] = -self._stiffness * own
+        by_v[self._v, self._v] = -self._damping * np.eye(len(deflection))
+        return by_q, by_v if self._damping else None
+
+    def stored(self, q, v) -> tuple[float, float]:
+        deflection = self._deflection(q)[1]
+        return 0.5 * self._stiffness * deflection @ deflection, self._stiffness * deflection @ v[self._v]
+
+
+_RESTS = (2, 4, 7)  # numbers of a slack spring, of a ball and of a free joint
+
+
+def _bound_spring(spring, model):
+    if isinstance(spring.joint, Mapping):
+        return _BoundSum(spring, model)
+    turns = model.joints[joint_index(model, spring.joint, spring._who)].shortname()
+    if turns in ("JointModelSpherical", "JointModelFreeFlyer"):
+        return _BoundBall(spring, model)
+    return (_BoundSum if isinstance(spring.rest, tuple) else _BoundSpring)(spring, model)
 
 
 @dataclass(frozen=True)
 class JointSpring(ForceRecord):
-    """A linear spring in a joint, τ = -k (q_joint - rest).
+    """A linear spring and damper in a joint, τ = -k (q_joint - rest) - d q̇_joint.
 
     Parameters
     ----------
-    joint : str
-        A joint of one degree of freedom. If it stores (cos, sin), as Pinocchio's unbounded revolute joints do, full
-        turns are not counted: the deflection is then the shorter way round, within half a turn.
+    joint : str or mapping
+        A joint of one degree of freedom, a ball or a free joint; or joint → its share in a length Σ share·q, on which
+        the spring acts, as that of a tendon. If a joint stores (cos, sin), as Pinocchio's unbounded revolute joints do,
+        full turns are not counted: the deflection is then the shorter way round, within half a turn. For a ball τ is
+        -k times the rotation vector from the rest position.
     stiffness : float
         k, N·m/rad (or N/m).
-    rest : float
-        Position of the unloaded spring, rad (or m).
+    rest : float or tuple of float
+        Position of the unloaded spring, rad (or m); two positions, between which it is slack; or the numbers of a ball
+        or free joint in q, a quaternion x, y, z, w last.
+    damping : float
+        d ≥ 0, N·m·s/rad (or N·s/m).
 
     Raises
     ------
     InputError
-        Invalid numbers; on a model, an unknown joint or one with several degrees of freedom.
+        Invalid numbers; on a model, an unknown joint, or a joint with several degrees of freedom other than these.
     """
 
-    joint: str
+    joint: str | Mapping[str, float]
     stiffness: float
-    rest: float = 0.0
+    rest: float | tuple[float, ...] = 0.0
+    damping: float = 0.0
 
-    _kind, _acts_on, _law = "spring", "joint", _BoundSpring
-    _who = property(lambda self: f"joint spring {self.joint!r}")
+    _kind, _acts_on, _law = "spring", "joint", staticmethod(_bound_spring)
+    _who = property(lambda self: f"joint spring {', '.join(map(repr, self._named))}")
+    _named = property(lambda self: [self.joint] if isinstance(self.joint, str) else list(self.joint))
+
+    @property
+    def plain(self) -> bool:
+        """Whether it is a spring of one joint, with one position and without a damper."""
+        return isinstance(self.joint, str) and isinstance(self.rest, float) and not self.damping
 
     def __post_init__(self):
-        put_checked(self, "JointSpring", name, "joint")
-        put_checked(self, self._who, number, "stiffness", "rest")
+        if isinstance(self.joint, Mapping):
+            who = "JointSpring"
+            shares = {name(joint, who): number(share, f"{who}: {joint}") for joint, share in self.joint.items()}
+            if not shares:
+                raise InputError("JointSpring: joint needs a joint, or joints with their shares")
+            put(self, joint=shares)
+        else:
+            put_checked(self, "JointSpring", name, "joint")
+        put_checked(self, self._who, number, "stiffness")
+        put_checked(self, self._who, number, "damping", least=0.0)
+        if isinstance(self.rest, (tuple, list, np.ndarray)):
+            rest = numbers(self.rest, f"{self._who}: rest")
+            if len(rest) not in _RESTS:
+                raise InputError(f"{self._who}: rest must be a number, two, or those of a ball in q; got {self.rest!r}")
+            if len(rest) == 2 and rest[0] > rest[1]:
+                raise InputError(f"{self._who}: of two positions the lower one is first, got {rest}")
+            put(self, rest=rest)
+        else:
+            put_checked(self, self._who, number, "rest")
 
 
 @dataclass(frozen=True)

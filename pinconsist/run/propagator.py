@@ -6,10 +6,12 @@ import numpy as np
 
 from ..engine import required
 from ..engine.index1 import singular_message
-from ..engine.radau_table import Table
+from ..engine.radau_table import Table, table
 from ..engine.systems import with_all_rows
 from ..engine.tree import workspace
 from ..errors import PinconsistError, SingularSystemError
+
+NOT_MADE_AGAIN = "the step of Radau IIA could not be repeated up to t = {:.6g}"
 
 
 @dataclass(frozen=True)
@@ -92,8 +94,7 @@ class Propagator:
             return []
         made = self._steps(steps)
         if (failed := self._derivatives.again(made)) >= 0:
-            end = steps[failed].end
-            raise PinconsistError(f"the step of Radau IIA could not be repeated up to t = {end:.6g}")
+            raise PinconsistError(NOT_MADE_AGAIN.format(steps[failed].end))
         parts = np.split(made.W, np.cumsum([step.W.size for step in steps])[:-1])
         columns = zip(steps, parts, made.p, made.v, strict=True)
         return [replace(step, W=own.reshape(step.W.shape), p=q, v=rate) for step, own, q, rate in columns]
@@ -101,6 +102,31 @@ class Propagator:
     def forward(self, steps, S, ends):
         """Write the derivatives at the ends of steps to `ends`, from those at their starts, `S`, which may overlap."""
         self._check(self._derivatives.forward(self._steps(steps), _rows(S), _rows(ends)), [step.end for step in steps])
+
+    def solved(self, t, p, v, stages, accelerations):
+        """Steps between states at times t (1+n,), p and v, with numbers of stages (n,), solved to rounding.
+
+        `accelerations` (1+n, nv) are those at the states, from which Newton's iteration starts. The steps, their last
+        position and their last velocity are returned.
+        """
+        first, change = accelerations[:-1], np.diff(accelerations, axis=0)
+        W = [a + table(int(s)).c[:, None] * b for a, b, s in zip(first, change, stages, strict=True)]
+        W = np.concatenate([each.ravel() for each in W])
+        made = required().StageSteps(t[:-1], t[1:], np.diff(t), p[:-1], v[:-1], p[1:], v[1:], stages, W)
+        if (failed := self._derivatives.again(made)) >= 0:
+            raise PinconsistError(NOT_MADE_AGAIN.format(t[failed + 1]))
+        return made, made.p[-1], made.v[-1]
+
+    def taken(self, steps):
+        """The same of steps that are solved."""
+        return self._steps(steps), steps[-1].p, steps[-1].v
+
+    def through(self, made, times, start):
+        """S at the end of solved steps, (P, nx+nv), from that at their start; `times` are those of their ends."""
+        tables = np.empty((1 + len(times), *start.shape))
+        tables[0] = start
+        self._check(self._derivatives.forward(made, _rows(tables[:-1]), _rows(tables[1:])), times)
+        return tables[-1]
 
     def backward(self, steps, given, bars):
         """The transpose, from the last step to the first: add to `bars`; return the derivative by parameters, (P,)."""

@@ -1,0 +1,129 @@
+"""``<include>`` in SDF: the models of other files, put where they are included.
+
+``model://NAME`` is a folder NAME with a ``model.config``, or a ``model.sdf``, beside the file, in the folder above, in
+``models/`` of one of these, or in ``package_dirs``; other URIs are paths from the folder of the file. Nothing is read
+from elsewhere. The models ``sun`` and ``ground_plane`` of Gazebo, which never move, need no files.
+"""
+
+import os
+from copy import deepcopy
+from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement
+
+from ...errors import FormatError
+from ..ignored import Ignored
+from ..reading import located, parsed, read_bytes, short_repr
+
+VERSION = "included version"  # the attribute of an included model that has the version of its file
+MOST_FILES, DEEPEST = 200, 20
+_WITHOUT_BODIES = ("sun", "ground_plane", "ground plane", "asphalt_plane", "gas_station_floor")
+_OVERRIDES = ("static", "pose", "placement_frame")
+
+
+class Includes:
+    """Expands the includes of one file; `folders` are those of :func:`pinconsist.formats.sdf.read`."""
+
+    def __init__(self, path: Path, folders, ignored: Ignored, ignore):
+        self._path, self._ignored, self._ignore, self._read = path, ignored, set(ignore), 0
+        here = Path(os.path.abspath(path)).parent
+        self._roots = [Path(os.path.realpath(folder)) for folder in (here, *folders)]
+        around = (here, here.parent, *(Path(folder) for folder in folders))
+        self._models = [inner for folder in around for inner in (folder, folder / "models")]
+
+    def expand(self, holder: Element, file: Path, depth: int = 0) -> None:
+        """Replace the includes below a world or model by models."""
+        if depth > DEEPEST:
+            raise FormatError(f"includes are nested more than {DEEPEST} deep: does a model include itself?")
+        for node in list(holder.iter()):
+            for child in [each for each in node if each.tag == "include"]:
+                place = list(node).index(child)
+                model = self._included(child, file, depth)
+                node.remove(child)
+                if model is not None:
+                    node.insert(place, model)
+
+    def _included(self, include, file, depth) -> Element | None:
+        uri = (include.findtext("uri") or "").strip()
+        name = (include.findtext("name") or "").strip()
+        element = f"include {short_repr(uri)}"
+        last = uri.rstrip("/").rpartition("/")[2].lower()
+        if {uri, name, last} & self._ignore:
+            self._ignored.add(f"include of {last[:40]!r} (left out)")
+            return None
+        if last in _WITHOUT_BODIES:
+            self._ignored.add("floor", last != "sun")
+            return None
+        with located(element=element):
+            if include.get("merge", "false").strip() in ("true", "1"):
+                raise FormatError(f"merge is not supported; write the model out, {_advice(uri)}")
+            source = self._find(uri, file)
+            self._read += 1
+            if self._read > MOST_FILES:
+                raise FormatError(f"more than {MOST_FILES} files are included")
+            root = parsed(read_bytes(source))
+            models = root.findall("model")
+            if len(models) != 1:
+                raise FormatError(f"{source.name} has {len(models)} models; one is needed")
+            model = deepcopy(models[0])
+            self.expand(model, source, depth + 1)
+        model.set(VERSION, root.get("version", "1.6"))
+        if name:
+            model.set("name", name)
+        for tag in _OVERRIDES:
+            given = include.find(tag)
+            if given is None:
+                continue
+            if tag == "placement_frame":
+                model.set(tag, (given.text or "").strip())
+                continue
+            for own in model.findall(tag):
+                model.remove(own)
+            SubElement(model, tag, given.attrib).text = given.text
+        for plugin in include.findall("plugin"):
+            model.append(plugin)
+        return model
+
+    def _find(self, uri, file) -> Path:
+        """The file of a model; FormatError if it is not there, or outside of the folders."""
+        scheme, mark, rest = uri.partition("://")
+        scheme, rest = (scheme, rest) if mark else ("", uri)
+        if scheme not in ("", "model", "file", "package"):
+            raise FormatError(f"nothing is downloaded; put the model beside the file, {_advice(uri)}")
+        starts = self._models if scheme in ("model", "package") else (file.parent, *self._models)
+        outside = False
+        for start in starts if rest else ():
+            found = Path(os.path.normpath(start / rest))
+            if not any(found.exists() for found in (found, found / "model.sdf")):
+                continue
+            inside = _within(found, self._roots) or (scheme == "model" and ".." not in rest and start in self._models)
+            if not inside or not _within(Path(os.path.realpath(found)), [*self._roots, Path(os.path.realpath(start))]):
+                outside = True
+                continue
+            return found if found.is_file() else _of_folder(found)
+        if outside:
+            raise FormatError(
+                f"it is outside the folder of the scene; pass its folder as package_dirs=, {_advice(uri)}"
+            )
+        raise FormatError(f"there is no such model beside the file; pass its folder as package_dirs=, {_advice(uri)}")
+
+
+def _advice(uri):
+    return f"or ignore=[{uri!r}] loads the scene without it"
+
+
+def _within(path, roots) -> bool:
+    return any(path.is_relative_to(root) for root in roots)
+
+
+def _of_folder(folder: Path) -> Path:
+    """The file of the highest version that ``model.config`` names, or ``model.sdf``."""
+    config = folder / "model.config"
+    if not config.is_file():
+        return folder / "model.sdf"
+    named = [
+        (each.get("version", "0"), (each.text or "").strip()) for each in parsed(read_bytes(config)).findall("sdf")
+    ]
+    named = [(version, name) for version, name in named if name and "/" not in name and ".." not in name]
+    if not named:
+        return folder / "model.sdf"
+    return folder / max(named, key=lambda each: [int(word) if word.isdigit() else 0 for word in each[0].split(".")])[1]

@@ -1,0 +1,297 @@
+"""The discrete linearisation of steps of Radau IIA: how their end depends on their start, and on inputs that are held.
+
+The derivatives are those of the steps that were made, propagated by the same C++ as those of runs; inputs are torques
+and commands that are constant over the steps, so that their effect on the equations is known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+import pinocchio as pin
+
+from ..engine.index1 import Index1
+from ..errors import InputError, PinconsistError
+from ..mechanism.checks import frame_of
+from ..mechanism.forces import Actuator
+from ..mechanism.forces.held import BoundSampled, Given
+from ..mechanism.names import velocity_names
+from ..mechanism.rank import null_space
+from .known import Pull
+from .propagator import Propagator
+
+CLEARLY, ROUNDING = 0.1, 1e-9  # of unit motions: least speed of a coordinate that others do not determine
+SLANTED = 1e4  # condition of the other coordinates beyond which coordinates are chosen anew
+APART = 1e-4  # of a unit change of the state: differences of the multipliers of redundant rows
+NUDGE = 1e-3  # relative step of differences by a command, in which actuators are linear between their limits
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StepLinearization:
+    """How the state after a step depends on the state before it and on the inputs that were held: x₁ = A x₀ + B u.
+
+    x = (ξ, v): tangent coordinates of the configuration, and velocities, 2 nv numbers. Starts that violate the
+    constraints are projected onto them by the step: A then has the derivative of that, too. ``A, B = linearization``.
+
+    Attributes
+    ----------
+    A : ndarray, shape (2 nv, 2 nv)
+        ∂x₁/∂x₀.
+    B : ndarray, shape (2 nv, m)
+        ∂x₁/∂u.
+    inputs : tuple of str
+        The m inputs: actuators, whose commands they are, and velocities, ``crank`` or ``ball[0]``, whose torques.
+    t, q, v : float, ndarray, ndarray
+        The state after the step.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    inputs: tuple[str, ...]
+    t: float
+    q: np.ndarray
+    v: np.ndarray
+    _made_by: Any = field(repr=False, default=None)
+    _start: tuple = field(repr=False, default=())
+
+    def __iter__(self):
+        yield self.A
+        yield self.B
+
+    def __repr__(self):
+        return f"StepLinearization to t = {self.t:.6g}: {len(self.A)} states, inputs {', '.join(self.inputs)}"
+
+    @property
+    def _system(self):
+        return self._made_by.system
+
+    @cached_property
+    def _of_multipliers(self) -> np.ndarray:
+        return self._made_by.multipliers(self.t, self.q, self.v, np.hstack((self.A, self.B)).T.copy()).T
+
+    @property
+    def lam_x(self) -> np.ndarray:
+        """The multipliers after the step by x₀, (nc, 2 nv)."""
+        return self._of_multipliers[:, : len(self.A)]
+
+    @property
+    def lam_u(self) -> np.ndarray:
+        """The multipliers after the step by u, (nc, m)."""
+        return self._of_multipliers[:, len(self.A) :]
+
+    @cached_property
+    def _basis(self):
+        """Indices of the coordinates, and all states by those of the coordinates at the start, (2 nv, 2 d)."""
+        return self._made_by.basis(*self._start)
+
+    @property
+    def _columns(self) -> np.ndarray:
+        return self._basis[0]
+
+    @property
+    def _extended(self) -> np.ndarray:
+        return self._basis[1]
+
+    @cached_property
+    def coordinates(self) -> tuple[str, ...]:
+        """Velocities that determine all others, as many as there are degrees of freedom; those of motors come first."""
+        names = velocity_names(self._system.model)
+        return tuple(names[column] for column in self._columns)
+
+    @property
+    def _rows(self) -> np.ndarray:
+        return np.concatenate((self._columns, self._system.nv + self._columns))
+
+    @property
+    def A_reduced(self) -> np.ndarray:
+        """∂y₁/∂y₀ of the coordinates and their velocities, (2 d, 2 d)."""
+        return self.A[self._rows] @ self._extended
+
+    @property
+    def B_reduced(self) -> np.ndarray:
+        """∂y₁/∂u of the coordinates and their velocities, (2 d, m)."""
+        return self.B[self._rows]
+
+    def frame(self, frame: str) -> tuple[np.ndarray, np.ndarray]:
+        """The derivatives of the pose of a `frame` after the step by x₀ and by u, (6, 2 nv) and (6, m).
+
+        Its displacement, m, and its rotation, rad, in world axes. Raises InputError for an unknown frame.
+        """
+        system, nv = self._system, self._system.nv
+        model, data = system.model, system.model.createData()
+        name = frame_of(model, frame, system.mechanism.name).name
+        J = pin.computeFrameJacobian(model, data, self.q, model.getFrameId(name), pin.LOCAL_WORLD_ALIGNED)
+        return J @ self.A[:nv], J @ self.B[:nv]
+
+
+def _independent(Z, order) -> np.ndarray:
+    """The first d columns in an order whose velocities determine motions Z (nv, d); clearly independent ones first."""
+    found, left = [], Z.copy()
+    for least in (CLEARLY, 0.0):
+        for column in order:
+            row = left[column]
+            if len(found) < Z.shape[1] and column not in found and row @ row > max(least, ROUNDING) ** 2:
+                left = left - np.outer(left @ row, row) / (row @ row)
+                found.append(column)
+    return np.sort(np.array(found, int))
+
+
+def _inverse(B):
+    try:
+        return np.linalg.inv(B)
+    except np.linalg.LinAlgError:
+        return None
+
+
+class Inputs:
+    """Torques and commands that are held, as the parameters of a Propagator, after columns for the states."""
+
+    beside: ClassVar[dict] = {}
+
+    def __init__(self, system, names=None, t=0.0):
+        model, mechanism = system.model, system.mechanism
+        actuators = {force.name: force for force in mechanism.forces if isinstance(force, Actuator)}
+        self.names = _checked(mechanism, actuators, names)
+        self.workspace = model, model.createData()
+        self._states, places = 2 * model.nv, {name: i for i, name in enumerate(velocity_names(model))}
+        self.known = []
+        for k, name in enumerate(self.names):
+            if name in actuators:
+                parts = _by_command(actuators[name], system, t)
+            else:
+                unit = Given(model.nv)
+                unit.give(np.eye(model.nv)[places[name]])
+                parts = [(1.0, Pull(unit))]
+            self.known.append((self._states + k, parts))
+
+    def __len__(self):
+        return self._states + len(self.names)
+
+
+def _checked(mechanism, actuators, names) -> tuple[str, ...]:
+    """The names of the inputs: actuators, and velocities; a joint is all of its velocities."""
+    velocities = velocity_names(mechanism.model)
+    if names is None:
+        own = [joint for joint in mechanism.actuated if not any(joint in each.arms for each in actuators.values())]
+        names = [*actuators, *own] or velocities
+    found = []
+    for name in [names] if isinstance(names, str) else names:
+        if name in actuators or name in velocities:
+            found.append(name)
+        elif name in mechanism.joints:
+            found += velocities[mechanism.columns(name)]
+        else:
+            known = ", ".join([*actuators, *mechanism.joints])
+            raise InputError(f"inputs: no actuator or joint {name!r}; they are {known}")
+    return tuple(dict.fromkeys(found))
+
+
+def _by_command(actuator, system, t):
+    """The derivative of an actuator's force by its command, which may be at a limit."""
+    held = next(each for each in system.held_forces if getattr(each, "name", "") == actuator.name)
+    at = held.command(t)
+    step, own = NUDGE * (1.0 + abs(at)), {each.name: getattr(actuator, each.name) for each in fields(Actuator)}
+    sides = []
+    for sign in (1.0, -1.0):
+        bound = Actuator(**own | {"control": at + sign * step}).bind(system.model)
+        bound.set_breakpoints(system.breakpoints)
+        sides.append((sign / (2.0 * step), Pull(bound)))
+    return sides
+
+
+class Discrete:
+    """Linearises steps of one system under inputs that are held from the time `t` on."""
+
+    def __init__(self, system, names=None, t=0.0):
+        for label, force in system.forces.items():
+            if isinstance(force, BoundSampled):
+                raise InputError(
+                    f"the torque of {label!r} depends on the states at which it was sampled, which a linearisation "
+                    "does not see: apply the law in your own loop, by control= of step()"
+                )
+        self.system = system
+        system.differentiate_forces()
+        self.inputs = Inputs(system, names, t)
+        self._index1, self._columns = Index1(system), None
+        self._propagator = Propagator(self._index1, self.inputs)
+
+    def along(self, start, rows, orders, again) -> StepLinearization:
+        """The linearisation of the steps from `start`, (t, q, v), to `rows` of them, with their orders.
+
+        ``again(start, t)`` makes the steps once more and returns them as segments; it is called where Newton's
+        iteration does not converge from the states alone.
+        """
+        states = [start, *rows]
+        t, q, v = (np.array(column, float) for column in zip(*states, strict=True))
+        accelerations = np.array([self._index1.acceleration(*state)[0] for state in states])
+        stages = (np.array(orders, np.int64) + 1) // 2
+        try:
+            made, end, velocity = self._propagator.solved(t, q, v, stages, accelerations)
+        except PinconsistError:
+            steps = again(start, float(t[-1]))
+            t = np.array([start[0], *(step.end for step in steps)])
+            made, end, velocity = self._propagator.taken(steps)
+        S = np.zeros((len(self.inputs), 2 * self.system.nv))
+        np.fill_diagonal(S, 1.0)
+        S = self._propagator.through(made, t[1:], S)
+        x = 2 * self.system.nv
+        return StepLinearization(
+            S[:x].T.copy(), S[x:].T.copy(), self.inputs.names, float(t[-1]), end, velocity, self, start
+        )
+
+    def basis(self, t, q, v):
+        """The coordinates, motors first as far as they are independent, and (2 nv, 2 d): all states by theirs.
+
+        The velocities of the others depend on the coordinates as well: J v + Φ_t = 0 holds where these change. Its
+        change, ∂ρ/∂q z, is the symmetric part of the second derivative of Φ, as in J̇ v, and half a Lie bracket.
+        """
+        system, nv, dynamics = self.system, self.system.nv, self._index1.compiled.dynamics
+        J = dynamics(t, q, v)[2]
+        columns, inverse = self._chosen(J)
+        others, d = np.delete(np.arange(nv), columns), len(columns)
+        Z = np.zeros((nv, d))
+        Z[columns, np.arange(d)] = 1.0
+        Z[others] = -inverse @ J[:, columns]
+        bend = np.empty((len(J), d))
+        for k, z in enumerate(Z.T):
+            bend[:, k] = 0.25 * (dynamics(t, q, v + z)[3] - dynamics(t, q, v - z)[3])
+            if not system.vector_like:
+                bend[:, k] += 0.5 * J @ (system.bracket(z) @ v)
+        extended = np.zeros((2 * nv, 2 * d))
+        extended[:nv, :d] = extended[nv:, d:] = Z
+        extended[nv + others, :d] = -inverse @ bend
+        return columns, extended
+
+    def _chosen(self, J):
+        """The columns of the coordinates, the last ones if they still do, and the inverse of the other columns of J."""
+        model, actuated = self.system.model, self.system.mechanism.actuated
+        for again in (False, True):
+            if self._columns is None or again:
+                model, actuated = self.system.model, self.system.mechanism.actuated
+                motors = [
+                    column for joint in actuated for column in range(model.nv)[self.system.mechanism.columns(joint)]
+                ]
+                order = [*dict.fromkeys(motors), *(column for column in range(model.nv) if column not in motors)]
+                self._columns = _independent(null_space(J), order)
+            B = np.delete(J, self._columns, axis=1)
+            inverse = np.linalg.pinv(B) if again else _inverse(B)
+            if inverse is not None and np.abs(inverse).max(initial=0.0) * np.abs(B).max(initial=0.0) < SLANTED:
+                break
+        return self._columns, inverse
+
+    def multipliers(self, t, q, v, S):
+        """The derivatives of all multipliers at a state, (n, nc), from those of the state, (n, 2 nv)."""
+        system = self.system
+        _, found = self._propagator.multipliers(np.array([t]), q[None], v[None], S[None])
+        kept, lam = found[0], self._index1.acceleration(t, q, v)[1]
+        if system.nc == system.n_multipliers or system.dropped_are_zero:
+            return system.full_multipliers(np.tile(q, (len(S), 1)), kept)
+        sides = [
+            [system.full_multipliers(system.integrate(q, sign * APART * row[: system.nv]), lam + sign * APART * of_lam)
+             for row, of_lam in zip(S, kept, strict=True)]
+            for sign in (1.0, -1.0)
+        ]  # fmt: skip
+        return (np.array(sides[0]) - np.array(sides[1])) / (2.0 * APART)
