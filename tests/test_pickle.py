@@ -85,6 +85,7 @@ RECORDS = {
     "Drive": lambda: pc.Drive("turn", "crank", torque),
     "Event": lambda: pc.Event(stands, terminal=True),
     "HeldTorque": lambda: pc.HeldTorque([0.0, 0.01, 0.02], [[0.0], [1.0], [0.5]], joints=("crank",)),
+    "Bushing": lambda: pc.Bushing("coupler", "rocker", stiffness=(1.0,) * 6),
     "Impact": lambda: pc.Impact("crank", upper=1.0, restitution=0.5),
     "JointDamping": lambda: pc.JointDamping({"crank": 0.1}),
     "JointFriction": lambda: pc.JointFriction({"crank": 0.1}),
@@ -124,7 +125,15 @@ RESULTS = {  # an object, and what it is asked for afterwards
     "Solution": (run, lambda sol: (sol.energy(mechanism()).total, sol.check(mechanism()).verdict)),
 }
 NOT_KEPT = {"sol", "system"}  # of a solution, see its documentation
-OTHERS = {"HessenbergProblem", "Rerun", "Simulation"}
+OTHERS = {
+    "ForwardDynamics",
+    "HessenbergProblem",
+    "Judgement",
+    "SerialEquivalent",
+    "StepLinearization",
+    "Rerun",
+    "Simulation",
+}
 
 
 def same(one, other):

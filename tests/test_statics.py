@@ -10,6 +10,7 @@ from scipy.optimize import brentq
 
 import pinconsist as pc
 from pinconsist.mechanism.system import MechanismSystem
+from pinconsist.paper.index1 import acceleration
 
 G = 9.81
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,9 +11,10 @@ import numpy as np
 
 from ..engine.index1 import Index1
 from ..errors import InputError, MissingExtraError
-from ..files import written_whole
+from ..files import as_path, written_whole
 from ..formats.mjcf import solver_settings
 from ..mechanism.assembly import Assembly, assemble
+from ..mechanism.checks import names as checked_names
 from ..mechanism.checks import number
 from ..mechanism.mechanism import Mechanism, with_added_forces
 from ..mechanism.rigid import tilted_hinges
@@ -206,6 +207,9 @@ def referee(
     mech = mech if control is None else mech.with_control(control)
     if not mech.loops:
         raise InputError(f"{mech.name} has no loops, so that there are no loop forces to judge")
+    if not isinstance(motion, Mapping | None):
+        raise InputError(f"motion must map joints to curves, got {motion!r}")
+    mjcf = None if mjcf is None else as_path(mjcf)
     below, budget = number(below, "below", above=0.0), number(budget, "budget", above=0.0)
     if log is not None:
         given = {"t_span": t_span, "q0": q0, "v0": v0, "motion": motion}
@@ -282,7 +286,9 @@ def _by_tools(tools, measure, start, below, budget, needed, mjcf) -> tuple[list[
 
 
 def _tools(tools) -> list[str]:
-    names = list(CONTESTANTS) if tools is None else [tools] if isinstance(tools, str) else list(tools)
+    names = (
+        list(CONTESTANTS) if tools is None else [tools] if isinstance(tools, str) else [*checked_names(tools, "tools")]
+    )
     for name in names:
         if name not in CONTESTANTS:
             raise InputError(f"tools: unknown simulator {name!r}; choose from {', '.join(CONTESTANTS)}")
