@@ -99,6 +99,8 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
     "Sensitivities": {"at": "t", "of": "function"},
     "SerialEquivalent": {"to_yaml": "file", "to_mjcf": "file"},
     "StepLinearization": {
+        "A": None,
+        "B": None,
         "lam_x": None,
         "lam_u": None,
         "coordinates": None,

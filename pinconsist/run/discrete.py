@@ -38,31 +38,40 @@ class StepLinearization:
 
     Attributes
     ----------
-    A : ndarray, shape (2 nv, 2 nv)
-        ∂x₁/∂x₀.
-    B : ndarray, shape (2 nv, m)
-        ∂x₁/∂u.
     inputs : tuple of str
         The m inputs: actuators, whose commands they are, and velocities, ``crank`` or ``ball[0]``, whose torques.
     t, q, v : float, ndarray, ndarray
         The state after the step.
     """
 
-    A: np.ndarray
-    B: np.ndarray
     inputs: tuple[str, ...]
     t: float
     q: np.ndarray
     v: np.ndarray
     _made_by: Any = field(repr=False, default=None)
     _start: tuple = field(repr=False, default=())
+    _steps: tuple = field(repr=False, default=())
+
+    @cached_property
+    def _whole(self):
+        return self._made_by.through(self._steps, np.eye(2 * self._system.nv))
+
+    @property
+    def A(self) -> np.ndarray:
+        """∂x₁/∂x₀, (2 nv, 2 nv)."""
+        return self._whole[0]
+
+    @property
+    def B(self) -> np.ndarray:
+        """∂x₁/∂u, (2 nv, m)."""
+        return self._whole[1]
 
     def __iter__(self):
         yield self.A
         yield self.B
 
     def __repr__(self):
-        return f"StepLinearization to t = {self.t:.6g}: {len(self.A)} states, inputs {', '.join(self.inputs)}"
+        return f"StepLinearization to t = {self.t:.6g}: {2 * self._system.nv} states, inputs {', '.join(self.inputs)}"
 
     @property
     def _system(self):
@@ -105,15 +114,21 @@ class StepLinearization:
     def _rows(self) -> np.ndarray:
         return np.concatenate((self._columns, self._system.nv + self._columns))
 
+    @cached_property
+    def _small(self):
+        if "_whole" in vars(self):
+            return self.A @ self._extended, self.B
+        return self._made_by.through(self._steps, self._extended)
+
     @property
     def A_reduced(self) -> np.ndarray:
-        """∂y₁/∂y₀ of the coordinates and their velocities, (2 d, 2 d)."""
-        return self.A[self._rows] @ self._extended
+        """∂y₁/∂y₀ of the coordinates and their velocities, (2 d, 2 d): without the constraints, and faster."""
+        return self._small[0][self._rows]
 
     @property
     def B_reduced(self) -> np.ndarray:
         """∂y₁/∂u of the coordinates and their velocities, (2 d, m)."""
-        return self.B[self._rows]
+        return self._small[1][self._rows]
 
     def frame(self, frame: str) -> tuple[np.ndarray, np.ndarray]:
         """The derivatives of the pose of a `frame` after the step by x₀ and by u, (6, 2 nv) and (6, m).
@@ -151,12 +166,12 @@ class Inputs:
 
     beside: ClassVar[dict] = {}
 
-    def __init__(self, system, names=None, t=0.0):
+    def __init__(self, system, names=None, t=0.0, states=0):
         model, mechanism = system.model, system.mechanism
         actuators = {force.name: force for force in mechanism.forces if isinstance(force, Actuator)}
         self.names = _checked(mechanism, actuators, names)
         self.workspace = model, model.createData()
-        self._states, places = 2 * model.nv, {name: i for i, name in enumerate(velocity_names(model))}
+        self._states, places = states, {name: i for i, name in enumerate(velocity_names(model))}
         self.known = []
         for k, name in enumerate(self.names):
             if name in actuators:
@@ -214,9 +229,9 @@ class Discrete:
                 )
         self.system = system
         system.differentiate_forces()
-        self.inputs = Inputs(system, names, t)
-        self._index1, self._columns = Index1(system), None
-        self._propagator = Propagator(self._index1, self.inputs)
+        self._index1, self._columns, self._about = Index1(system), None, (names, t)
+        self.inputs = Inputs(system, *self._about)
+        self._solver, self._propagators = Propagator(self._index1, []), {}
 
     def along(self, start, rows, orders, again) -> StepLinearization:
         """The linearisation of the steps from `start`, (t, q, v), to `rows` of them, with their orders.
@@ -229,18 +244,26 @@ class Discrete:
         accelerations = np.array([self._index1.acceleration(*state)[0] for state in states])
         stages = (np.array(orders, np.int64) + 1) // 2
         try:
-            made, end, velocity = self._propagator.solved(t, q, v, stages, accelerations)
+            made, end, velocity = self._solver.solved(t, q, v, stages, accelerations)
         except PinconsistError:
             steps = again(start, float(t[-1]))
             t = np.array([start[0], *(step.end for step in steps)])
-            made, end, velocity = self._propagator.taken(steps)
-        S = np.zeros((len(self.inputs), 2 * self.system.nv))
-        np.fill_diagonal(S, 1.0)
-        S = self._propagator.through(made, t[1:], S)
-        x = 2 * self.system.nv
-        return StepLinearization(
-            S[:x].T.copy(), S[x:].T.copy(), self.inputs.names, float(t[-1]), end, velocity, self, start
-        )
+            made, end, velocity = self._solver.taken(steps)
+        return StepLinearization(self.inputs.names, float(t[-1]), end, velocity, self, start, (made, t[1:]))
+
+    def through(self, steps, states):
+        """The ends of steps by their starts along directions `states` (2 nv, n), and by the inputs."""
+        n = states.shape[1]
+        S = np.zeros((n + len(self.inputs), 2 * self.system.nv))
+        S[:n] = states.T
+        S = self._with(n).through(*steps, S)
+        return S[:n].T.copy(), S[n:].T.copy()
+
+    def _with(self, n):
+        """The propagator of n directions of the state and of the inputs."""
+        if n not in self._propagators:
+            self._propagators[n] = Propagator(self._index1, Inputs(self.system, *self._about, n))
+        return self._propagators[n]
 
     def basis(self, t, q, v):
         """The coordinates, motors first as far as they are independent, and (2 nv, 2 d): all states by theirs.
@@ -270,12 +293,9 @@ class Discrete:
         model, actuated = self.system.model, self.system.mechanism.actuated
         for again in (False, True):
             if self._columns is None or again:
-                model, actuated = self.system.model, self.system.mechanism.actuated
-                motors = [
-                    column for joint in actuated for column in range(model.nv)[self.system.mechanism.columns(joint)]
-                ]
-                order = [*dict.fromkeys(motors), *(column for column in range(model.nv) if column not in motors)]
-                self._columns = _independent(null_space(J), order)
+                own = [range(model.nv)[self.system.mechanism.columns(joint)] for joint in actuated]
+                order = dict.fromkeys([*(column for columns in own for column in columns), *range(model.nv)])
+                self._columns = _independent(null_space(J), list(order))
             B = np.delete(J, self._columns, axis=1)
             inverse = np.linalg.pinv(B) if again else _inverse(B)
             if inverse is not None and np.abs(inverse).max(initial=0.0) * np.abs(B).max(initial=0.0) < SLANTED:
@@ -285,7 +305,7 @@ class Discrete:
     def multipliers(self, t, q, v, S):
         """The derivatives of all multipliers at a state, (n, nc), from those of the state, (n, 2 nv)."""
         system = self.system
-        _, found = self._propagator.multipliers(np.array([t]), q[None], v[None], S[None])
+        _, found = self._with(2 * system.nv).multipliers(np.array([t]), q[None], v[None], S[None])
         kept, lam = found[0], self._index1.acceleration(t, q, v)[1]
         if system.nc == system.n_multipliers or system.dropped_are_zero:
             return system.full_multipliers(np.tile(q, (len(S), 1)), kept)

@@ -52,7 +52,7 @@ PARAMETERS = {  # those after the bar by name only
     " held sol t_events q_events v_events system",
     "Bushing": "frame1 frame2 stiffness damping xyz1 rpy1 xyz2 rpy2",
     "SpringDamper": "frame1 frame2 stiffness length damping xyz1 xyz2",
-    "StepLinearization": "A B inputs t q v",
+    "StepLinearization": "inputs t q v",
     "Torque": "function gradient",
     "Wrench": "frame force moment axes xyz",
     "assemble": "mechanism q0 v0 | fixed t tolerance",
