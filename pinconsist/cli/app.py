@@ -20,6 +20,7 @@ from ..errors import PinconsistError, SavingError
 from ..run.interrupts import ended_like_ctrl_c, ignored_from_now_on, interrupted
 from .check import check, models
 from .compare import compare
+from .convert import convert
 from .output import FAILED, INTERRUPTED, WRONG_INPUT, in_options, message, print_error, print_json, rescued
 from .referee import referee
 from .replay import plot, render, replay
@@ -45,9 +46,10 @@ right from the first step on.
   pinconsist sensitivity four_bar --of crank --to mass
                                                   effect of parameters
   pinconsist referee four_bar                     how wrong other simulators are
+  pinconsist convert four_bar four_bar.xml        another kind of file
 
-A scene is a built-in name, a .urdf, .sdf or .xml (MJCF) file, or a folder that
-contains one .urdf. Options of a command: pinconsist COMMAND --help"""
+A scene is a built-in name, a file (.urdf, .xacro, .sdf, .xml, .usd, .wbt), or a
+folder that contains one .urdf. Options of a command: pinconsist COMMAND --help"""
 
 SCENE = "2 wrong input, loops that cannot close, or a singular position"
 SAVED = "(the run up to there is saved by --out)"
@@ -70,12 +72,13 @@ COMMANDS: dict[Callable, str] = {
     "FILE.csv.partial)",
     sensitivity: f"{SCENE}; 130 interrupted",
     referee: f"{SCENE}; 130 interrupted",
+    convert: "2 wrong input, loops that cannot close, or what the other kind of file cannot say; 130 interrupted",
 }
 """Each command and its exit codes other than 0."""
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 SEVERAL = {"--to": re.compile(r"[^-].*"), "--step": NUMBER}
-SEVERAL |= dict.fromkeys(("--with-velocity", "--control"), re.compile(r"[^-].*=.*"))
+SEVERAL |= dict.fromkeys(("--with-velocity", "--control", "--arg"), re.compile(r"[^-].*=.*"))
 SEVERAL["--at"] = re.compile(rf"[^-].*=.*|{NUMBER.pattern}")
 """Options that take several values, and the pattern of a further value."""
 WRITTEN = {".html": ("--html",), ".csv": ("--csv", "--out"), ".npz": ("--out",)}

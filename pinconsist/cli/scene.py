@@ -3,6 +3,7 @@
 import logging
 import re
 import warnings
+from dataclasses import replace
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from math import floor, isfinite, log10, pi
@@ -44,7 +45,8 @@ def present(**values) -> dict:
 
 # fmt: off
 Scene = Annotated[SceneSource, typer.Argument(metavar="SCENE", help=(
-    "A built-in scene (see: pinconsist models), a .urdf, .sdf or .xml (MJCF) file, or a folder with one .urdf."))]
+    "A built-in scene (see: pinconsist models), a .urdf, .xacro, .sdf, .xml (MJCF), .usd or .wbt file, or a folder "
+    "with one .urdf."))]
 
 From = Annotated[float, option("--from", "SECONDS", "Start time.", START)]
 Until = Annotated[Number, option(
@@ -89,6 +91,8 @@ def source_of(
     ignore: Annotated[Texts, option(
         "--ignore", "TAG", "Load the file without these elements, by tag or name, which close loops in another program "
         "and are not supported here; may be repeated.", SCENE)] = None,
+    arguments: Annotated[Texts, option(
+        "--arg", "NAME=VALUE ...", "Arguments of a xacro file.", SCENE)] = None,
     reanchor: Annotated[bool, option(
         "--reanchor", None, "Move the anchors of loops that cannot close to the best fit.", SCENE)] = False,
     at: Annotated[Texts, option(
@@ -98,7 +102,19 @@ def source_of(
     # fmt: on
     """The source of a scene, from the options of all commands that load one."""
     q0 = joint_values(at, "--at")
-    return SceneSource(source, loops, closure, free_flyer, package_dirs or [], reanchor, q0, ignore or [], precision)
+    found = SceneSource(source, loops, closure, free_flyer, package_dirs or [], reanchor, q0, ignore or [], precision)
+    return replace(found, args=_arguments(arguments))
+
+
+def _arguments(texts) -> dict[str, str]:
+    values = {}
+    for text in texts or ():
+        name, sign, value = text.partition("=")
+        name = name.removesuffix(":").strip()  # ``name:=value``, as ROS has it
+        if not sign or not name or name in values:
+            raise InputError(f"--arg needs NAME=VALUE, each name once, got {text!r}")
+        values[name] = value
+    return values
 
 
 def loads_scene(command):

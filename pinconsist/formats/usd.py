@@ -62,6 +62,7 @@ _KNOWN = ("PhysxRigidBodyAPI", "PhysxJointAPI", "PhysxMimicJointAPI", "PhysxArti
 _KNOWN += ("PhysxContactReportAPI", "PhysxConvexHullCollisionAPI", "PhysxLimitAPI", "PhysxTriangleMeshCollisionAPI")
 _KNOWN += ("MjcEqualityJointAPI", "MjcJointAPI", "MjcEqualityConnectAPI", "MjcEqualityWeldAPI", "NewtonMimicAPI")
 """Schemas that act, or that say nothing about the motion."""
+EXACT = "pinconsist:"  # before the name of an attribute whose value is repeated in double precision
 _STARTING = 1e-9  # rad or m: below it, a joint is at zero in the file
 
 
@@ -92,7 +93,8 @@ def _moving(model, inertias):
             yield f"body {name!r}", inertia.inertia, model.inertias[joint]
 
 
-def _package():
+def package():
+    """The modules of usd-core; MissingExtraError if it is not installed."""
     try:
         from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
     except ImportError:
@@ -105,7 +107,7 @@ class _Stage:
     """The stage of a file, and what is read from it; lengths in m, masses in kg."""
 
     def __init__(self, path, folders, ignore):
-        self.Gf, self.Sdf, self.Usd, self.UsdGeom, self.UsdPhysics = _package()
+        self.Gf, self.Sdf, self.Usd, self.UsdGeom, self.UsdPhysics = package()
         self.counted, self._ignore = Ignored(), set(ignore)
         read_bytes(path)
         self._stage = self._opened(path, folders)
@@ -634,8 +636,18 @@ class _Stage:
 
 
 def _exact(attribute):
-    """The value of an attribute; one of single precision is the shortest decimal number that it stands for."""
+    """The value of an attribute; one of single precision is the shortest decimal number that it stands for.
+
+    What :mod:`.write_usd` wrote has it in double precision beside it, which counts if both agree.
+    """
     value = attribute.Get()
+    double = attribute.GetPrim().GetAttribute(f"{EXACT}{attribute.GetName()}")
+    if double and value is not None:
+        exact = double.Get()
+        exact = list(exact) if hasattr(exact, "__len__") else exact
+        own = [*value.GetImaginary(), value.GetReal()] if hasattr(value, "GetImaginary") else value
+        if np.allclose(np.array(own, float), np.array(exact, float), rtol=1e-6, atol=1e-6):
+            return exact
     name = str(attribute.GetTypeName())
     if value is None or "double" in name or name == "quatd":
         return value

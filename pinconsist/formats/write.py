@@ -7,6 +7,8 @@ becomes a massless link, fixed at its placement. Numbers are written with all di
 import os
 import re
 import tempfile
+import warnings
+from importlib import import_module
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
@@ -28,6 +30,8 @@ from .reading import parsed, text
 from .records import force_entries, loop_entries
 from .urdf import INERTIA, UNLIMITED, origin
 
+WRITERS = {".sdf": "sdf", ".xml": "mjcf", ".mjcf": "mjcf", ".usda": "usd", ".usd": "usd"}
+"""Suffix → the kind of file, other than URDF, and the module ``write_…`` that writes it."""
 _STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 _SAME = 1e-9
 _JOINTS = {  # Pinocchio's name → (type in URDF, axis or None if the joint has its own, type in the loop file)
@@ -43,34 +47,45 @@ _JOINTS = {  # Pinocchio's name → (type in URDF, axis or None if the joint has
 
 
 def write(mechanism: Mechanism, path) -> Path:
-    """Write a mechanism as a URDF file and the loop file that belongs to it, ``<stem>.urdf`` and ``<stem>.yaml``.
+    """Write a mechanism as a file: URDF, SDF, MJCF or USD.
 
-    Both are written completely or not at all, and replace existing files. Before, they are read back and compared: the
-    tree in the order of its joints, inertias, joint types, damping, friction and rotor inertia (armature), limits of
-    hinges and sliders, gravity, loops, couplings and drives, forces, guess, motorised joints, duration, and the shapes
-    of URDF scenes. Mesh files are not copied: files elsewhere are found by ``load(..., package_dirs=...)``. Frames
-    keep their names and placements; a frame is added to joints without one, and a link to those without a body frame.
+    A URDF has a loop file that belongs to it, ``<stem>.urdf`` and ``<stem>.yaml``. Both are written completely or not
+    at all, and replace existing files. Before, they are read back and compared: the tree in the order of its joints,
+    inertias, joint types, damping, friction and rotor inertia (armature), limits of hinges and sliders, gravity, loops,
+    couplings and drives, forces, guess, motorised joints, duration, and the shapes of URDF scenes. Mesh files are not
+    copied: files elsewhere are found by ``load(..., package_dirs=...)``. Frames keep their names and placements; a
+    frame is added to joints without one, and a link to those without a body frame.
+
+    The other kinds of files say less: what they cannot say is refused by name before anything is written. They are read
+    back, too, and the accelerations of both mechanisms must agree. In SDF the joints stand at zero where the loops are
+    closed, see :mod:`pinconsist.formats.write_sdf`. MJCF holds loops by springs in MuJoCo
+    (:mod:`pinconsist.formats.write_mjcf`), and is rigid here. Shapes are written to URDF only.
 
     Parameters
     ----------
     mechanism : Mechanism
     path : path-like
-        The URDF file; ``.urdf`` is added if it is missing, and the stem becomes the name.
+        The file; its ending selects the kind: ``.urdf``, which is added if there is none, ``.sdf``, ``.xml`` or
+        ``.mjcf``, ``.usda`` or ``.usd`` (both as text). The stem becomes the name.
 
     Returns
     -------
     Path
-        The URDF file.
+        The file.
 
     Raises
     ------
     InputError
         Items that a file cannot represent, by name: user-defined functions, joints of a kind that neither file can
         describe; or a folder that does not exist.
+    MissingExtraError
+        usd-core or MuJoCo are not installed.
     """
     require_mechanism(mechanism, "write")
     if not isinstance(path, (str, os.PathLike)):
         raise InputError(f"write needs the path of a file, got {path!r}")
+    if Path(path).suffix.lower() in WRITERS:
+        return _write_other(mechanism, Path(path))
     path = suffixed(path, ".urdf")
     require_writable(path)
     urdf, joints = _urdf(mechanism, path.stem)
@@ -87,6 +102,33 @@ def write(mechanism: Mechanism, path) -> Path:
     with written_whole(path) as robot, written_whole(path.with_suffix(".yaml")) as loops:
         robot.write(urdf.encode())
         loops.write(_yaml(scene))
+    return path
+
+
+def _write_other(mechanism, path) -> Path:
+    """Write an SDF, MJCF or USD file."""
+    require_writable(path)
+    kind = WRITERS[path.suffix.lower()]
+    writer = import_module(f".write_{kind}", __package__)
+    links, mounted = _frame_names(mechanism.model)
+    names = [links[joint] for joint in range(mechanism.model.njoints)]
+    frames = [(link, joint, place) for _, link, joint, place in mounted]
+    try:
+        text = writer.document(mechanism, path.stem, names, frames)
+        with tempfile.TemporaryDirectory() as folder:
+            copy = Path(folder) / path.name
+            copy.write_text(text, encoding="utf-8")
+            floats = kind == "sdf" and writer.floats(mechanism)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # those of the file are told when it is loaded
+                back = read_scene(Source(copy, path.stem), free_flyer=floats)
+        writer.require_same(mechanism, back)
+    except InputError as error:
+        title = {"sdf": "SDF", "mjcf": "MJCF", "usd": "USD"}[kind]
+        reason = error.reason if isinstance(error, FormatError) else str(error)
+        raise InputError(f"{mechanism.name} cannot be written as {title}: {reason}") from error
+    with written_whole(path) as file:
+        file.write(text.encode())
     return path
 
 

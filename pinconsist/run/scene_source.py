@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..errors import FormatError, InputError
 
-LOAD_OPTIONS = ("loops", "closure", "free_flyer", "package_dirs", "ignore", "precision")
+LOAD_OPTIONS = ("loops", "closure", "free_flyer", "package_dirs", "ignore", "precision", "args")
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,7 @@ class SceneSource:
     at: dict[str, list[float]] = field(default_factory=dict)
     ignore: list[str] = field(default_factory=list)
     precision: float = 0.0
+    args: dict[str, str] = field(default_factory=dict)
 
     def load(self):
         """The mechanism."""
@@ -60,9 +61,10 @@ class SceneSource:
     @classmethod
     def recorded(cls, about: dict, run_file) -> SceneSource:
         """The scene that :meth:`record` described; FormatError for anything else."""
-        about = {"ignore": [], "precision": 0.0} | about if isinstance(about, dict) else {}  # which older files lack
+        older = {"ignore": [], "precision": 0.0, "args": {}}  # what older files lack
+        about = older | about if isinstance(about, dict) else {}
         lists = [about.get("package_dirs") or [], about.get("ignore") or []]
-        texts = [about.get("source"), about.get("loops") or "", *lists[0], *lists[1]]
+        texts = [about.get("source"), about.get("loops") or "", *lists[0], *lists[1], *(about.get("args") or {})]
         if set(about) != {each.name for each in fields(cls)} or not all(isinstance(each, str) for each in texts):
             raise FormatError("its record of the scene cannot be read", path=run_file)
         folder = Path(run_file).absolute().parent

@@ -1,0 +1,60 @@
+"""`pinconsist convert`."""
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import pinconsist as pc
+
+from ..errors import InputError
+from ..mechanism.forces import label_of
+from . import output, scene
+from .scene import RESULTS, Texts, option
+
+KINDS = (".urdf", ".sdf", ".xml", ".mjcf", ".usda", ".usd")
+
+
+@scene.loads_scene
+def convert(
+    source: scene.Scene,
+    file: Annotated[str, typer.Argument(metavar="FILE", help=(
+        "The file to write; its ending selects the kind: .urdf (with its loop file), .sdf, .xml (MJCF), .usda."))],
+    without: Annotated[Texts, option(
+        "--without", "NAME", "Leave out this loop, drive, coupling or force, by the name that a refusal or check has; "
+        "may be repeated.", RESULTS)] = None,
+    as_json: output.Json = False,
+) -> None:  # fmt: skip
+    """Write a scene as another kind of file.
+
+    What the other kind cannot say is refused by name, and nothing is written. The
+    file is read back before and must move as the scene does.
+
+    Example: pinconsist convert four_bar four_bar.xml
+    """
+    if Path(file).suffix.lower() not in KINDS:
+        raise InputError(f"{file}: the ending selects the kind of file: {', '.join(KINDS)}")
+    mech = source.load()
+    for name in without or ():
+        mech = _without(mech, name)
+    try:
+        path = pc.write(mech, file)
+    except InputError as error:
+        raise InputError(re.sub(r"leave it out: mech.*", "--without NAME leaves it out", str(error))) from error
+    written = [path, path.with_suffix(".yaml")] if path.suffix == ".urdf" else [path]
+    if as_json:
+        output.print_json({"written": [str(each) for each in written]})
+        return
+    print(f"wrote {' and '.join(str(each) for each in written)}")
+
+
+def _without(mech, name):
+    names = {loop.name: loop for loop in mech.loops}
+    forces = {label_of(force): force for force in mech.forces}
+    if name in names:
+        return mech.with_loops(*[loop for loop in mech.loops if loop.name != name])
+    if name in forces:
+        return mech.with_forces(*[force for force in mech.forces if force is not forces[name]])
+    known = ", ".join(repr(each) for each in [*names, *forces]) or "none"
+    raise InputError(f"--without: no loop, drive, coupling or force {name!r}; there are: {known}")
