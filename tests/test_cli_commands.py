@@ -379,3 +379,31 @@ def test_check_of_a_leg_with_many_redundant_rows(run):
     code, out, _ = run("check", KANGAROO, "--reanchor")
     assert code == 0 and "rows: 66, 53 of them independent and 13 redundant\nmobility: 10\n" in out
     assert max(map(len, out.splitlines())) <= 80
+
+
+def test_arguments_of_a_xacro_file(run):
+    """NAME=VALUE or NAME:=VALUE as ROS has it; several after one --arg."""
+    pytest.importorskip("xacro")
+    text = pc.write(pc.load("four_bar"), "plain.urdf").read_text()
+    head = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"'
+    inside = """<xacro:arg name="mass" default="1"/>
+    <xacro:arg name="tip" default="tool"/><link name="$(arg tip)"><inertial>
+    <mass value="${2 * $(arg mass)}"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+    <joint name="spin" type="continuous"><parent link="ground"/><child link="$(arg tip)"/><axis xyz="0 1 0"/></joint>
+    </robot>"""
+    Path("bar.xacro").write_text(text.replace("<robot", head, 1).replace("</robot>", inside))
+    Path("bar.yaml").write_text(Path("plain.yaml").read_text())
+
+    def masses(*arguments):
+        code, out, err = run("check", "bar.xacro", *arguments)
+        assert code == 0, err
+        return float(re.search(r"([\d.]+) kg in all", out)[1])
+
+    plain = masses()
+    assert masses("--arg", "mass=2.5") == pytest.approx(plain + 3.0, abs=2e-3)
+    assert masses("--arg", "mass:=2.5", "tip=hook") == masses("--arg", "tip=hook", "--arg", "mass=2.5")
+    for wrong, told in (("mass", "--arg needs NAME=VALUE"), ("=3", "--arg needs NAME=VALUE")):
+        code, _, err = run("check", "bar.xacro", "--arg", wrong)
+        assert code == 2 and told in err
+    code, _, err = run("check", "four_bar", "--arg", "mass=1")
+    assert code == 2 and "xacro" in err

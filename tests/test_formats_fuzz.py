@@ -3,23 +3,37 @@ that names the file. Nothing else comes out, and no mechanism of numbers that ar
 """
 
 import logging
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from helpers.fuzz_seeds import LOOP_FILE, MJCF, PLAIN_URDF, ROBOT_YAML, SDF, URDF
-from helpers.mutations import mutated_xml, mutated_yaml
+from helpers.fuzz_seeds import (
+    CLOSING_JOINTS,
+    CLOSURES,
+    LOOP_FILE,
+    LOOP_LIST,
+    MJCF,
+    PLAIN_URDF,
+    ROBOT_YAML,
+    SDF,
+    URDF,
+    USD,
+    WEBOTS,
+    XACRO,
+)
+from helpers.mutations import mutated_words, mutated_xml, mutated_yaml
 from hypothesis import HealthCheck, given, settings, strategies
 
 import pinconsist as pc
 
-EXAMPLES = 150
+EXAMPLES, PROCESSES = 150, 40  # the latter where each example is a process
 
 
-def fuzzed(test):
+def fuzzed(test, examples=EXAMPLES):
     """A Hypothesis test over a source of random numbers; the same examples every time."""
     quiet = (HealthCheck.function_scoped_fixture, HealthCheck.too_slow)
-    return settings(max_examples=EXAMPLES, deadline=None, derandomize=True, database=None, suppress_health_check=quiet)(
+    return settings(max_examples=examples, deadline=None, derandomize=True, database=None, suppress_health_check=quiet)(
         given(strategies.randoms(use_true_random=False))(test)
     )
 
@@ -58,7 +72,29 @@ def test_xml(tmp_path, name, text, rng):
     outcome(path)
 
 
-@pytest.mark.parametrize("text", [LOOP_FILE, ROBOT_YAML], ids=["loop file", "robot.yaml"])
+@partial(fuzzed, examples=PROCESSES)
+def test_xacro(tmp_path, rng):
+    pytest.importorskip("xacro")
+    path = tmp_path / "scene.xacro"
+    path.write_bytes(mutated_xml(XACRO, rng))
+    outcome(path)
+
+
+@pytest.mark.parametrize("name", ["scene.usda", "scene.wbt"])
+@fuzzed
+def test_words(tmp_path, name, rng):
+    if name.endswith("usda"):
+        pytest.importorskip("pxr.Usd")
+    path = tmp_path / name
+    path.write_bytes(mutated_words(USD if name.endswith("usda") else WEBOTS, rng))
+    outcome(path)
+
+
+LISTS = {"loop file": LOOP_FILE, "robot.yaml": ROBOT_YAML, "loops": LOOP_LIST}
+LISTS |= {"closures": CLOSURES, "closing joints": CLOSING_JOINTS}
+
+
+@pytest.mark.parametrize("text", LISTS.values(), ids=LISTS)
 @fuzzed
 def test_yaml(tmp_path, text, rng):
     (tmp_path / "scene.urdf").write_text(PLAIN_URDF)
@@ -74,9 +110,18 @@ def test_yaml(tmp_path, text, rng):
         ("scene.urdf", PLAIN_URDF, ROBOT_YAML),
         ("scene.sdf", SDF, None),
         ("scene.xml", MJCF, None),
+        ("scene.xacro", XACRO, None),
+        ("scene.usda", USD, None),
+        ("scene.wbt", WEBOTS, None),
+        ("scene.urdf", PLAIN_URDF, LOOP_LIST),
+        ("scene.urdf", PLAIN_URDF, CLOSURES),
+        ("scene.urdf", PLAIN_URDF, CLOSING_JOINTS),
     ],
 )
 def test_what_is_spoilt_is_valid_and_closes(tmp_path, name, text, loops):
+    for suffix, package in ((".usda", "pxr.Usd"), (".xacro", "xacro")):
+        if name.endswith(suffix):
+            pytest.importorskip(package)
     (tmp_path / name).write_text(text)
     if loops:
         (tmp_path / "scene.yaml").write_text(loops)

@@ -22,12 +22,10 @@ or, with the point and the axis of a hinge in the axes of the root link, in the 
 A loop with one anchor closes where the bodies are in the configuration of the URDF, see :class:`.closures.Closure`.
 """
 
-from math import sqrt
-
 import numpy as np
 
 from ..errors import FormatError
-from ..mechanism.loops import Loop
+from ..mechanism.loops import Loop, unit
 from .closures import WITH_AXIS, Closure, kind_of
 from .extensions import WORLDS, pose, unique
 from .reading import finite, short_repr
@@ -124,7 +122,7 @@ def _axis(entry, element):
     axis = np.array(_vector(entry, ("axis", "axis_xyz", "axis_parent"), element))
     if not axis.any():
         raise FormatError("the axis is the zero vector", element=element)
-    return tuple((axis / sqrt(axis @ axis)).tolist())
+    return tuple(unit(axis).tolist())
 
 
 def _with_points(entry, kind, element, loops):

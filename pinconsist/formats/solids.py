@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pinocchio as pin
 
+from ..errors import FormatError
+
 
 def box(x: float, y: float, z: float) -> pin.Inertia:
     """A box of these sizes, m, about its centre; of density 1 kg/m³, as all solids here."""
@@ -61,7 +63,7 @@ def mesh(points: np.ndarray, triangles: np.ndarray) -> pin.Inertia:
     second = sum(np.einsum("i,ij,ik->jk", volumes, each, each) for each in (a, b, c, total)) / 20.0
     inertia = np.trace(second) * np.eye(3) - second
     sign = np.sign(mass)
-    return pin.Inertia(sign * mass, middle, sign * inertia)
+    return _inertia(sign * mass, middle, sign * inertia)
 
 
 def moved(inertia: pin.Inertia, matrix: np.ndarray) -> pin.Inertia:
@@ -71,15 +73,24 @@ def moved(inertia: pin.Inertia, matrix: np.ndarray) -> pin.Inertia:
     mass, lever = size * inertia.mass, A @ inertia.lever + b
     second = 0.5 * np.trace(inertia.inertia) * np.eye(3) - inertia.inertia  # ∫ x xᵀ dm about the centre of mass
     second = size * A @ second @ A.T
-    found = pin.Inertia.Zero()
-    found.mass, found.lever, found.inertia = mass, lever, np.trace(second) * np.eye(3) - second
-    return found
+    return _inertia(mass, lever, np.trace(second) * np.eye(3) - second)
 
 
 def scaled(inertia: pin.Inertia, factor: float) -> pin.Inertia:
     """The inertia of the same solid with another density."""
-    return pin.Inertia(factor * inertia.mass, inertia.lever, factor * inertia.inertia)
+    return _inertia(factor * inertia.mass, inertia.lever, factor * inertia.inertia)
 
 
 def _diagonal(mass, moments):
-    return pin.Inertia(mass, np.zeros(3), np.diag(moments))
+    return _inertia(mass, np.zeros(3), np.diag(moments))
+
+
+def _inertia(mass, lever, moments) -> pin.Inertia:
+    """FormatError if a size or a density is negative, or too large for its moments to be numbers."""
+    if not (0.0 <= mass < math.inf and np.isfinite(lever).all() and np.isfinite(moments).all()):
+        raise FormatError(f"a solid of this size and density has a mass of {mass:.3g} kg")
+    if not (np.diag(moments) >= 0.0).all():
+        raise FormatError(f"a solid of this size has moments of {np.diag(moments)} kg·m²")
+    found = pin.Inertia.Zero()
+    found.mass, found.lever, found.inertia = mass, lever, 0.5 * (moments + moments.T)
+    return found

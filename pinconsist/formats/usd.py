@@ -68,6 +68,16 @@ _STARTING = 1e-9  # rad or m: below it, a joint is at zero in the file
 
 def read(path: Path, name: str, folders, *, ignore=()) -> RobotFile:
     """Read a USD file; see the documentation of the module."""
+    package()
+    from pxr import Tf
+
+    try:
+        return _read(path, name, folders, ignore)
+    except Tf.ErrorException as error:  # values and targets are composed when they are asked for
+        raise FormatError(f"usd-core cannot compose it: {_last_line(error)}") from None
+
+
+def _read(path, name, folders, ignore) -> RobotFile:
     stage = _Stage(path, [Path(folder) for folder in folders], ignore)
     scene = Scene(stage.bodies(), gravity=stage.gravity())
     joints = list(stage.joints())
@@ -159,18 +169,26 @@ class _Stage:
             stage.Load()
         except Exception as error:
             raise FormatError(f"usd-core cannot compose it: {_last_line(error)}") from None
+        for layer in stage.GetUsedLayers():  # nothing that was not seen above
+            if layer.realPath and not _is_in(re.sub(r"\[.*", "", layer.realPath), roots):
+                raise FormatError(
+                    f"it refers to {short_repr(layer.identifier)}, which is outside the folder of the scene"
+                )
         return stage
 
     def _inside(self, asset, layer, roots) -> str:
         """The file of a layer that another one names; FormatError if it is not in the folders."""
-        if not asset or layer.identifier.endswith(".usdz") or ".usdz[" in layer.identifier:
+        if not asset:
             return ""
         advice = f"ignore=[{asset!r}] loads the scene without it"
         if "://" in asset:
             raise FormatError(f"it refers to {short_repr(asset)}, and nothing is downloaded; {advice}")
         there = layer.ComputeAbsolutePath(asset)
+        package, inside, file = there.partition(".usdz[")
+        if inside and layer.identifier.startswith(f"{package}.usdz") and ".." not in file:
+            return there  # in the same package, which is in the folder
         real = os.path.realpath(there)
-        if not any(real.startswith(root + os.sep) for root in roots):
+        if not _is_in(real, roots):
             raise FormatError(
                 f"it refers to {short_repr(asset)}, which is outside the folder of the scene; pass the folder of these "
                 f"files as package_dirs=, or {advice}"
@@ -184,13 +202,15 @@ class _Stage:
     def _is_body(self, prim) -> bool:
         if not prim.HasAPI(self.UsdPhysics.RigidBodyAPI):
             return False
-        enabled = self.UsdPhysics.RigidBodyAPI(prim).GetRigidBodyEnabledAttr().Get()
+        enabled = _value(self.UsdPhysics.RigidBodyAPI(prim).GetRigidBodyEnabledAttr())
         return enabled is None or bool(enabled)
 
     def _pose(self, prim) -> tuple[pin.SE3, np.ndarray]:
         """The pose of a prim in the world, and its 4 × 4 matrix (columns), m."""
         matrix = np.array(self._cache.GetLocalToWorldTransform(prim)).T
         matrix[:3, 3] *= self._unit
+        if not np.isfinite(matrix).all():
+            raise FormatError("its transformation is not finite", element=str(prim.GetPath()))
         u, _, vt = np.linalg.svd(matrix[:3, :3])
         rotation = u @ vt
         if np.linalg.det(rotation) < 0:  # mirrored, as shapes may be
@@ -204,7 +224,7 @@ class _Stage:
         found = {}
         for path, name in self._bodies.items():
             prim = self._stage.GetPrimAtPath(path)
-            kinematic = self.UsdPhysics.RigidBodyAPI(prim).GetKinematicEnabledAttr().Get()
+            kinematic = _value(self.UsdPhysics.RigidBodyAPI(prim).GetKinematicEnabledAttr())
             with located(element=str(path)):
                 found[name] = Body(self._pose(prim)[0], bool(kinematic))
             for key in ("linearDamping", "angularDamping"):
@@ -277,7 +297,7 @@ class _Stage:
         for prim in self._prims:
             if not prim.HasAPI(self.UsdPhysics.CollisionAPI):
                 continue
-            enabled = self.UsdPhysics.CollisionAPI(prim).GetCollisionEnabledAttr().Get()
+            enabled = _value(self.UsdPhysics.CollisionAPI(prim).GetCollisionEnabledAttr())
             body = self._body_of(prim)
             if enabled is False:
                 continue
@@ -322,7 +342,7 @@ class _Stage:
     def _mesh(self, prim):
         shape = self.UsdGeom.Mesh(prim)
         attributes = (shape.GetPointsAttr(), shape.GetFaceVertexCountsAttr(), shape.GetFaceVertexIndicesAttr())
-        points, counts, indices = (each.Get() for each in attributes)
+        points, counts, indices = (_value(each) for each in attributes)
         if not points or not counts or not indices:
             return None
         triangles, start, indices = [], 0, list(indices)
@@ -337,15 +357,15 @@ class _Stage:
         """(kind, sizes along its axes) of a primitive; ("", ()) for others."""
         UsdGeom = self.UsdGeom
         if prim.IsA(UsdGeom.Cube):
-            size = float(UsdGeom.Cube(prim).GetSizeAttr().Get())
+            size = float(_value(UsdGeom.Cube(prim).GetSizeAttr()))
             return "box", (size, size, size)
         if prim.IsA(UsdGeom.Sphere):
-            return "sphere", (float(UsdGeom.Sphere(prim).GetRadiusAttr().Get()),)
+            return "sphere", (float(_value(UsdGeom.Sphere(prim).GetRadiusAttr())),)
         for kind, make in (("cylinder", UsdGeom.Cylinder), ("capsule", UsdGeom.Capsule), ("cone", UsdGeom.Cone)):
             if prim.IsA(make):
                 shape = make(prim)
-                sizes = float(shape.GetRadiusAttr().Get()), float(shape.GetHeightAttr().Get())
-                return kind, (*sizes, str(shape.GetAxisAttr().Get()))
+                sizes = float(_value(shape.GetRadiusAttr())), float(_value(shape.GetHeightAttr()))
+                return kind, (*sizes, str(_value(shape.GetAxisAttr())))
         return "", ()
 
     def _path_of(self, body):
@@ -375,7 +395,7 @@ class _Stage:
                     )  # fmt: skip
                 continue
             joint = UsdPhysics.Joint(prim)
-            if joint.GetJointEnabledAttr().Get() is False or path in self._ignore:
+            if _value(joint.GetJointEnabledAttr()) is False or path in self._ignore:
                 self.counted.add("disabled joint")
                 continue
             with located(element=path):
@@ -401,7 +421,7 @@ class _Stage:
             self.counted.add(LIMITS)
         there = [pose if body == WORLD else self._of(body) * pose for body, pose in ends]
         axes = _started(axes, there[0].actInv(there[1]))
-        cut = bool(joint.GetExcludeFromArticulationAttr().Get())
+        cut = bool(_value(joint.GetExcludeFromArticulationAttr()))
         single = {
             "PhysicsRevoluteJoint": "revolute",
             "PhysicsPrismaticJoint": "prismatic",
@@ -521,7 +541,7 @@ class _Stage:
         units = self._kilograms * (self._unit**2 if turns else 1.0) * angle
         k, d = stiffness * units, damping * units
         position, rate = ((each / angle if turns else each * self._unit) for each in (target, speed))
-        if str(drive.GetTypeAttr().Get()) == "acceleration" and (k or d):
+        if str(_value(drive.GetTypeAttr())) == "acceleration" and (k or d):
             warn(f"drive of {part!r}: it prescribes an acceleration, and exerts no force here")
             return None
         limit = float(largest) * self._torque(turns) if largest is not None and 0.0 < largest < LARGEST else 0.0
@@ -576,7 +596,7 @@ class _Stage:
         for path, name in self._bodies.items():
             off = self._stage.GetPrimAtPath(path).GetAttribute("physxRigidBody:disableGravity")
             frame = model.frames[model.getFrameId(name)] if model.existFrame(name) else None
-            if off and off.Get() and frame is not None and frame.parentJoint:
+            if off and _value(off) and frame is not None and frame.parentJoint:
                 inertia = self._inertia(path, name, self._solids().get(name, ()))
                 yield Wrench(name, tuple((-inertia.mass * model.gravity.linear).tolist()), xyz=tuple(inertia.lever))
 
@@ -632,7 +652,16 @@ class _Stage:
 
     def _token(self, prim, key):
         attribute = prim.GetAttribute(key)
-        return attribute.Get() if attribute else None
+        return _value(attribute) if attribute else None
+
+
+def _value(attribute):
+    """The value of an attribute; FormatError if it is not of the type that its schema has."""
+    value = attribute.Get()
+    if type(value).__name__ == "UnregisteredValue":
+        name, kind = attribute.GetName(), attribute.GetTypeName()
+        raise FormatError(f"{name} is not of the type {kind}", element=str(attribute.GetPrim().GetPath()))
+    return value
 
 
 def _exact(attribute):
@@ -640,10 +669,10 @@ def _exact(attribute):
 
     What :mod:`.write_usd` wrote has it in double precision beside it, which counts if both agree.
     """
-    value = attribute.Get()
+    value = _value(attribute)
     double = attribute.GetPrim().GetAttribute(f"{EXACT}{attribute.GetName()}")
     if double and value is not None:
-        exact = double.Get()
+        exact = _value(double)
         exact = list(exact) if hasattr(exact, "__len__") else exact
         own = [*value.GetImaginary(), value.GetReal()] if hasattr(value, "GetImaginary") else value
         if np.allclose(np.array(own, float), np.array(exact, float), rtol=1e-6, atol=1e-6):
@@ -684,9 +713,16 @@ def _plain(name) -> str:
     return str(name) or "prim"
 
 
+def _is_in(real, roots) -> bool:
+    return any(os.path.realpath(real).startswith(root + os.sep) for root in roots)
+
+
 def _last_line(error) -> str:
     """What usd-core says, without its own files and lines."""
-    text = " ".join(str(error).split())
+    try:
+        text = " ".join(str(error).split())
+    except UnicodeDecodeError:  # it quotes the file
+        return "it is not UTF-8 text"
     quoted = re.findall(r" : '(.*?)'(?: Error in|$)", text)
     said = (quoted or [text])[-1].strip(" '")
     return re.sub(r"^/\S*/", "", said)[:300] or type(error).__name__

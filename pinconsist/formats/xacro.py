@@ -115,6 +115,8 @@ def _package_name(folder) -> str:
 
 def _reason(answer) -> str:
     error, missing = answer["error"], answer["missing"]
+    if answer.get("kind") == "DTDForbidden":
+        return "document types and entities are refused for safety (DTDForbidden)"
     if missing and "package not found" in error:
         return (
             f"$(find {missing[0]}) names a ROS package that does not hold the file and is not beside it; pass its "

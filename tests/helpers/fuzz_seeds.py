@@ -109,3 +109,100 @@ MJCF = f"""<mujoco model="m"><compiler angle="degree" autolimits="true"/><option
 <weld name="t" body1="e" body2="c"/><joint name="u" joint1="o" joint2="j" polycoef="0.1 0.5 0 0 0"/></equality>
 <actuator><motor name="v" joint="j"/></actuator>
 <keyframe><key qpos="0 0 0 1 0 0 0 2 0 0 1 0 0 0 0"/></keyframe></mujoco>"""
+
+XACRO = URDF.replace(
+    '<robot name="r">',
+    """<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="r"><xacro:arg name="side" default="1.0"/>
+    <xacro:property name="size" value="${2 * pi}"/><xacro:macro name="tool" params="name at:=${size} *block">
+    <link name="${name}"><xacro:insert_block name="block"/></link></xacro:macro>
+    <xacro:tool name="t1" at="$(arg side)"><inertial><mass value="${at + 1.0 if at else 2}"/>
+    <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></xacro:tool>
+    <joint name="tj" type="continuous"><parent link="a"/><child link="t1"/><axis xyz="0 ${cos(0)} 0"/></joint>
+    <xacro:if value="${size > 7}"><link name="never"/></xacro:if>""",
+).replace("${at + 1.0 if at else 2}", "${size + 1.0 if size else 2}")
+
+LOOP_LIST = """
+ball_loops: [{name: rod, parent: h, child: c, parent_xyz: [0, 0, 1], child_xyz: [0.1, 0, 0]}]
+pin_loops: [{name: pin, parent: g, child: b, parent_xyz: [0, 0, 1], child_xyz: [0, 0, 0], axis: [0, ±1, 0]}]
+ball_upgrades: [j]
+ball_limit_deg: 30
+actuated_joints: [k]
+"""
+CLOSURES = """
+independent: [j]
+closures:
+  - {name: one, parent: e, child: c, point: [0.1, 0.2, 0.3], axis: y}
+  - {parent: g, child: b, point: [0.1, 0.2, 0.3]}
+"""
+CLOSING_JOINTS = """
+closing_joints:
+  - {name: one, parent: g, child: b, type: revolute, origin_xyz_m: [0, 0, 1],
+     origin_rpy_rad: [0, 0.1, 0], axis: [0, 1, 0]}
+  - {parent: h, child: f, type: fixed, limits: {lower: -1, upper: 1}}
+"""
+
+_USD_BODY = """def Xform "{name}" (prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI"]) {{
+  double3 xformOp:translate = ({x}, 0, 0)
+  quatd xformOp:orient = (1, 0, 0, 0)
+  uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:orient"]
+  float physics:mass = {mass}
+  point3f physics:centerOfMass = (0.1, 0.2, 0)
+  float3 physics:diagonalInertia = (0.1, 0.2, 0.25)
+  def Cube "shape" (prepend apiSchemas = ["PhysicsCollisionAPI"]) {{
+    double size = 0.5
+  }}
+}}
+"""
+_USD_JOINTS = """def PhysicsRevoluteJoint "j" (prepend apiSchemas = ["PhysicsDriveAPI:angular"]) { 
+  rel physics:body1 = </a>
+  uniform token physics:axis = "Y"
+  float physics:lowerLimit = -90
+  float drive:angular:physics:stiffness = 2
+  float drive:angular:physics:damping = 0.5
+  float physxJoint:armature = 0.1
+}
+def PhysicsPrismaticJoint "k" { rel physics:body0 = </a>
+  rel physics:body1 = </b>
+  uniform token physics:axis = "X"
+  point3f physics:localPos0 = (1, 0, 0)
+}
+def PhysicsJoint "l" (prepend apiSchemas = ["PhysicsLimitAPI:transX", "PhysicsLimitAPI:transY"]) { 
+  rel physics:body0 = </b>
+  rel physics:body1 = </c>
+  float limit:transX:physics:low = 1
+  float limit:transX:physics:high = -1
+  float limit:transY:physics:low = -1
+  float limit:transY:physics:high = 1
+}
+def PhysicsSphericalJoint "m" { rel physics:body0 = </c>
+  rel physics:body1 = </a>
+  point3f physics:localPos0 = (0, 0, 0)
+  point3f physics:localPos1 = (2, 0, 0)
+  bool physics:excludeFromArticulation = 1
+}
+def PhysicsDistanceJoint "n" { rel physics:body0 = </c>
+  float physics:minDistance = 2
+  float physics:maxDistance = 2
+}
+"""
+USD = '#usda 1.0\n( metersPerUnit = 1\n upAxis = "Z" )\n' + _USD_JOINTS
+USD += "".join(_USD_BODY.format(name=name, x=x, mass=x + 1) for x, name in enumerate("abc"))
+
+_WEBOTS_PHYSICS = """physics Physics { density -1 mass 2 centerOfMass [ 0.2 0 0 ]
+  inertiaMatrix [ 0.01 0.02 0.03 0.001 0.002 0.003 ] }"""
+_SHAPE = "Shape { geometry Box { size 0.1 0.2 0.3 } }"
+WEBOTS = f"""#VRML_SIM R2023b utf8
+WorldInfo {{ gravity 9.81 }}
+Robot {{ name "r" children [
+  HingeJoint {{ jointParameters HingeJointParameters {{ axis 0 1 0 anchor 0 0 0 position 0.3 springConstant 2 }}
+    device [ RotationalMotor {{ name "j" maxTorque 5 }} ]
+    endPoint Solid {{ translation 0 0 0 rotation 0 1 0 0.5 name "a" boundingObject {_SHAPE} {_WEBOTS_PHYSICS} children [
+      {_SHAPE}
+      SliderJoint {{ jointParameters JointParameters {{ axis 1 0 0 position 0.1 dampingConstant 1 }}
+        endPoint Solid {{ translation 1 0 0 name "b" boundingObject USE_BOX {_WEBOTS_PHYSICS} children [
+          BallJoint {{ jointParameters BallJointParameters {{ anchor 0 0 0 }}
+            endPoint SolidReference {{ solidName "c" }} }} ] }} }} ] }} }}
+  Hinge2Joint {{ jointParameters HingeJointParameters {{ axis 0 1 0 anchor 1 0 0 }}
+    jointParameters2 JointParameters {{ axis 1 0 0 position 0.2 }}
+    endPoint Solid {{ translation 1 0 0 rotation 1 0 0 0.1 name "c" {_WEBOTS_PHYSICS} }} }} ] }}
+""".replace("USE_BOX", "Capsule { height 0.2 radius 0.1 }")

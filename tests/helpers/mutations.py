@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from copy import deepcopy
 from random import Random
 from xml.etree.ElementTree import Element, ParseError, fromstring, tostring
@@ -126,3 +127,22 @@ def _change_plain(record, rng: Random):
         other = rng.choice(keys)
         holder[key], holder[other] = holder[other], holder[key]
     return record
+
+
+WORDS = re.compile(r'"[^"\n]*"|[\w.+-]+|[^\s\w]')
+
+
+def mutated_words(text: str, rng: Random) -> bytes:
+    """One to four changes of words, numbers, strings and brackets; sometimes of the text itself."""
+    if rng.random() < 0.15:
+        return mutated_text(text, rng)
+    head, _, body = text.partition("\n")
+    for _ in range(rng.randint(1, 4)):
+        words = list(WORDS.finditer(body))
+        if not words:
+            break
+        one, other = rng.choice(words), rng.choice(words)
+        kind = rng.choice(("swap", "value", "value", "delete", "double"))
+        new = {"swap": other[0], "value": rng.choice(TEXTS), "delete": "", "double": f"{one[0]} {one[0]}"}[kind]
+        body = body[: one.start()] + new + body[one.end() :]
+    return f"{head}\n{body}".encode(errors="replace")
