@@ -9,7 +9,6 @@ import typer
 import pinconsist as pc
 
 from ..errors import InputError
-from ..mechanism.forces import label_of
 from . import output, scene
 from .scene import RESULTS, Texts, option
 
@@ -50,6 +49,8 @@ def convert(
 
 
 def _without(mech, name):
+    from ..mechanism.forces import label_of
+
     names = {loop.name: loop for loop in mech.loops}
     forces = {label_of(force): force for force in mech.forces}
     if name in names:
