@@ -31,12 +31,11 @@ CHANGES = "wax+"
 
 def main():
     request = json.loads(sys.stdin.read())
-    import xml.dom.minidom as minidom
-
     import defusedxml.minidom as defused
     import xacro
     import xacro.substitution_args as substitution
 
+    minidom = xacro.xml.dom.minidom
     minidom.parse = partial(defused.parse, forbid_dtd=True)  # no document types, no entities
     minidom.parseString = partial(defused.parseString, forbid_dtd=True)
     opened = []
