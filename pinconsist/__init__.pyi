@@ -35,6 +35,7 @@ from .judging.judge import Judgement as Judgement
 from .judging.judge import referee as referee
 from .mechanism.assembly import Assembly as Assembly
 from .mechanism.assembly import assemble as assemble
+from .mechanism.curve import Curve as Curve
 from .mechanism.custom import Constraint as Constraint
 from .mechanism.energy import Energy as Energy
 from .mechanism.forces import Actuator as Actuator

@@ -384,7 +384,7 @@ BAD_RECORDS = {
     "drive where": ("loops: [{name: m, kind: drive, joint: j}]", "loop 1 'm': a motion needs one or more of start"),
     "drive key": (
         "loops: [{name: m, kind: drive, joint: j, velocity: 2}]",
-        "loop 1 'm': the key 'velocity' is not known; available: amplitude, frequency, joint, name",
+        "loop 1 'm': the key 'velocity' is not known; available: amplitude, curve, frequency, joint, name",
     ),
     "drive number": (
         "loops: [{name: m, kind: drive, joint: j, speed: .nan}]",

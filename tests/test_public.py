@@ -39,6 +39,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
     },
     "Actuator": {"arms": None, "label": None, "bind": "model"},
     "Assembly": {"largest_gap": None, "redundant": None},
+    "Curve": {"rate": "t", "acceleration": "t", "break_points": None},
     "Certificate": {"concerns": None, "not_judged": None, "ok": None, "verdict": None},
     "Energy": {"balance_error": None, "exchanged": None, "work_error": None},
     "Equilibrium": {

@@ -186,7 +186,9 @@ def _print_inventory(mech):
         rows = []
         for loop in mech.loops:
             shown = {name: value for name, value in _fields(loop).items() if name not in ("joint", "other") and value}
-            by = ", ".join(f"{name} {scene.text(value)}" for name, value in shown.items())
+            by = ", ".join(
+                f"{name} {value if isinstance(value, str) else scene.text(value)}" for name, value in shown.items()
+            )
             rows.append((loop.name, loop.kind, len(loop.rows), *_ends(loop), by))
         output.table(("loop", "kind", "rows>", "connects", "to", "with"), rows)
     else:
@@ -218,9 +220,10 @@ def _ends(loop):
 
 def _fields(loop) -> dict:
     """The fields that define a loop, by their names in a loop file."""
+    from ..mechanism.curve import Curve
     from ..mechanism.motion import Motion
 
-    record = loop.curve if isinstance(getattr(loop, "curve", None), Motion) else loop
+    record = loop.curve if isinstance(getattr(loop, "curve", None), Motion | Curve) else loop
     values = {each.name: getattr(record, each.name) for each in fields(record)}
     if record is loop:
         values = {name: values[name] for name in LOOP_FIELDS if name in values}

@@ -1,12 +1,14 @@
 """The records under ``loops`` and ``forces`` in a loop file, read and written.
 
 A loop closure has the fields of :class:`~pinconsist.Loop`, ``kind: coupling`` those of :class:`~pinconsist.Coupling`,
-and ``kind: drive`` a joint and the fields of a :class:`~pinconsist.Motion`::
+and ``kind: drive`` a joint and the fields of a :class:`~pinconsist.Motion`, or those of a :class:`~pinconsist.Curve`
+under ``curve``::
 
     loops:
       - {name: tip, kind: hinge, frame1: coupler_tip, frame2: rocker_tip, axis: [0, 1, 0]}
       - {name: gears, kind: coupling, joint: wheel, other: crank, ratio: -2.5}
       - {name: motor, kind: drive, joint: crank, start: -1.0, speed: 3.0, amplitude: 0.2, frequency: 1.5}
+      - {name: lift, kind: drive, joint: slider, curve: {law: step5, times: [0, 0.5, 1], values: [0, 0.2, 0]}}
 
 A force has ``kind`` and the fields of its record in :mod:`pinconsist.mechanism.forces`::
 
@@ -20,7 +22,8 @@ A force has ``kind`` and the fields of its record in :mod:`pinconsist.mechanism.
       - {kind: servo, joint: crank, target: {start: 0.1, speed: 2.0}, stiffness: 100.0, damping: 5.0}
       - {kind: wrench, frame: tip, force: [0, 0, -10], axes: world}
 
-Where code takes a number or a function of time, a file takes a number or the fields of a Motion.
+Where code takes a number or a function of time, a file takes a number, the fields of a Motion (with ``law: sine`` or
+without), or those of a Curve: a ``law`` (``spline``, ``step5``, ``cycloid`` or ``table``), ``times`` and ``values``.
 """
 
 import dataclasses
@@ -30,6 +33,7 @@ import numpy as np
 
 from ..errors import FormatError, InputError
 from ..mechanism import forces as laws
+from ..mechanism.curve import LAWS, Curve
 from ..mechanism.joint_constraints import Coupling, Drive
 from ..mechanism.loops import ROW_NAMES, Loop
 from ..mechanism.motion import Motion
@@ -54,9 +58,14 @@ def loop_record(number: int, entry):
         return record_of(Loop, entry | {"kind": kind}, element, f"loop {given!r}: ")
     if kind == "coupling":
         return record_of(Coupling, entry, element, f"coupling {given!r}: ")
-    known_keys(entry, ("name", "joint", *_MOTION), element)
+    known_keys(entry, ("name", "joint", "curve", *_MOTION), element)
     names = [name(_field(entry, key, element), f"{element}: {key}") for key in ("name", "joint")]
-    return Drive(*names, motion({key: entry[key] for key in entry if key in _MOTION}, element))
+    given = {key: entry[key] for key in entry if key in _MOTION}
+    if (curve := entry.get("curve")) is not None:
+        if given:
+            raise FormatError(f"{next(iter(given))!r} belongs under 'curve' here", element=element)
+        given, element = mapping(curve, f"{element}: curve", "law, times, values"), f"{element}: curve"
+    return Drive(*names, motion(given, element))
 
 
 def force_record(number: int, entry):
@@ -86,7 +95,9 @@ def loop_entries(mechanism) -> list[dict]:
             reason = "is a user-defined function, which a file cannot store; remove it by with_loops()"
             raise InputError(f"{what} {reason}")
         entry = {"name": loop.name, "kind": loop.kind} | _fields(loop, what)
-        entries.append(entry | entry.pop("curve", {}))
+        if isinstance(getattr(loop, "curve", None), Motion):
+            entry |= entry.pop("curve")
+        entries.append(entry)
     return entries
 
 
@@ -118,12 +129,16 @@ def _fields(record, what):
 def _plain(value, what):
     if isinstance(value, Motion):
         return _fields(value, what) or {"start": 0.0}
+    if isinstance(value, Curve):
+        return {"law": value.law, "times": list(value.times), "values": list(value.values)}
     if isinstance(value, Mapping):
         return {joint: _plain(each, f"{what}: {joint}") for joint, each in value.items()}
     if isinstance(value, str):
         return value
     if callable(value):
-        raise InputError(f"{what} is a user-defined function, which a file cannot store; it can store a Motion")
+        raise InputError(
+            f"{what} is a user-defined function, which a file cannot store; it can store a Motion or a Curve"
+        )
     return [float(each) for each in value] if isinstance(value, tuple) else float(value)
 
 
@@ -144,9 +159,19 @@ def record_of(make, entry: dict, element: str, prefix: str = ""):
         return make(**values)
 
 
-def motion(value, element: str) -> Motion:
+def motion(value, element: str) -> Motion | Curve:
+    """The Motion or the Curve of a mapping; FormatError if it is neither."""
+    law = value.get("law", "sine" if value and not {"times", "values"} & set(value) else None)
+    if law == "sine":
+        value = {key: each for key, each in value.items() if key != "law"}
+    elif law is not None:
+        if law not in LAWS:
+            raise FormatError(f"unknown law {short_repr(law)}; choose from sine, {', '.join(LAWS)}", element=element)
+        return record_of(Curve, value, element, "curve: ")
     if not value:
         raise FormatError(f"a motion needs one or more of {', '.join(_MOTION)}", element=element)
+    if law is None:
+        raise FormatError(f"'law' is missing; choose from {', '.join(LAWS)}", element=element)
     return record_of(Motion, value, element)
 
 

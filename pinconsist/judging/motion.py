@@ -10,9 +10,9 @@ import numpy as np
 from ..errors import FormatError, InputError
 from ..mechanism.assembly import assemble
 from ..mechanism.checks import near, places
+from ..mechanism.curve import spline_of
 from ..mechanism.forces import JointTorque, Servo
 from ..mechanism.joint_constraints import Drive
-from ..mechanism.spline import Spline
 from ..mechanism.system import MechanismSystem
 from ..run.simulation import simulate
 from .log import columns_of
@@ -79,7 +79,7 @@ class _Torque:
 
 def _curve(mechanism, joint, curve):
     mechanism.joint_index(joint)
-    return curve if callable(curve) else Spline.of(curve, f"the motion of joint {joint!r}")
+    return curve if callable(curve) else spline_of(curve, f"the motion of joint {joint!r}")
 
 
 def _name(mechanism, joint) -> str:

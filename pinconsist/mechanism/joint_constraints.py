@@ -16,8 +16,8 @@ from numpy.polynomial.polynomial import polyder, polyval
 from ..errors import InputError
 from .breakpoints import NONE, Breakpoints, TimeFunction, knots_of, time_function
 from .checks import called, joint_index, name, number, numbers, put, put_checked, require_functions
+from .curve import spline_of
 from .motion import TIME_STEP, Motion, check_rate, in_time
-from .spline import Spline
 
 TURN = math.tau
 CHECKED_OVER = (1e-3, 1e-5, 1e-7, 1e-9)  # s, steps with which user-defined derivatives are checked
@@ -139,7 +139,7 @@ class Drive:
         who = f"drive {self.name!r}"
         put_checked(self, who, name, "name", "joint")
         if isinstance(self.curve, list | tuple | np.ndarray | Real):
-            put(self, curve=Spline.of(self.curve, f"{who}: its curve"))
+            put(self, curve=spline_of(self.curve, f"{who}: its curve"))
         require_functions(self, who, "time", "curve", optional=("rate", "acceleration"))
         put(self, knots=knots_of(self.knots, f"{who}: knots"))
 

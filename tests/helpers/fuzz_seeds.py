@@ -53,6 +53,7 @@ loops:
   - {name: cross, kind: universal, frame1: h, frame2: f, axis: [1, 0, 0], axis2: [0, 1, 0]}
   - {name: gear, kind: coupling, joint: j, other: k, ratio: 0.5, offset: 0.1, higher: [0.1, 0.2]}
   - {name: motor, kind: drive, joint: j, start: 0.1, speed: 1, amplitude: 0.2, frequency: 2, phase: 0.3}
+  - {name: lift, kind: drive, joint: k, curve: {law: step5, times: [0, 0.5, 1], values: [0, 0.2, 0]}}
 forces:
   - {kind: damping, coefficients: {j: 0.1, n: [0.1, 0.2, 0.3]}}
   - {kind: friction, coefficients: {j: 0.5}, width: 0.01}
@@ -60,6 +61,7 @@ forces:
   - {kind: spring-damper, frame1: e, stiffness: 500.0, length: 0.4, damping: 2.0, xyz2: [0, 0, 1]}
   - {kind: torque, torques: {j: {amplitude: 3.0, frequency: 0.5}}}
   - {kind: servo, joint: j, target: {start: 0.1, speed: 2.0}, stiffness: 100.0, damping: 5.0}
+  - {kind: servo, joint: j, target: {law: table, times: [0, 1], values: [0, 1]}, stiffness: 100.0}
   - {kind: wrench, frame: e, force: [0, 0, -10], moment: [1, 2, 3], axes: local, xyz: [1, 0, 0]}
 guess: {j: 0.1, p: [0, 0, 0, 0, 0, 0, 1]}
 actuated: [j]

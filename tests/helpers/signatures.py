@@ -11,6 +11,7 @@ PARAMETERS = {  # those after the bar by name only
     "branches pulling not_finite not_modelled",
     "Constraint": "name function size jacobian rate moving rows step unilateral knots",
     "Coupling": "name joint other ratio offset higher",
+    "Curve": "times values law",
     "Derivatives": "names values",
     "Drive": "name joint curve rate acceleration knots",
     "ElementForce": "label t force moment length speed torque",
