@@ -112,11 +112,12 @@ def test_the_loop_files_of_the_page_on_robots_are_read(tmp_path):
     page = (ROOT / "docs" / "robots.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```yaml\n(.*?)^```", page, flags=re.MULTILINE | re.DOTALL)
     record = re.search(r"`(\{name: pin.*?\})`", page, flags=re.DOTALL)[1]
-    robot, own, anchors = (
+    robot, own, laws, anchors = (
         loopfile.read(write(tmp_path / f"{k}.yaml", text)) for k, text in enumerate([*blocks, f"loops: [{record}]"])
     )
     assert robot.loops[0].kind == "frame" and robot.actuated == ("mot1", "mot2")
     assert [loop.kind for loop in own.loops] == ["hinge", "coupling"] and own.duration == 2.0 and len(own.forces) == 2
+    assert [type(drive.curve) for drive in laws.loops] == [pc.Motion, pc.Curve]
     assert anchors.loops == (
         pc.Loop("pin", "hinge", "coupler", "rocker", xyz1=(0.7, 0, 0), xyz2=(0.5, 0, 0), axis=(0, 1, 0)),
     )

@@ -52,8 +52,7 @@ loops:
   - {name: rod, kind: distance, frame1: f, length: 1.5}
   - {name: cross, kind: universal, frame1: h, frame2: f, axis: [1, 0, 0], axis2: [0, 1, 0]}
   - {name: gear, kind: coupling, joint: j, other: k, ratio: 0.5, offset: 0.1, higher: [0.1, 0.2]}
-  - {name: motor, kind: drive, joint: j, start: 0.1, speed: 1, amplitude: 0.2, frequency: 2, phase: 0.3}
-  - {name: lift, kind: drive, joint: k, curve: {law: step5, times: [0, 0.5, 1], values: [0, 0.2, 0]}}
+  - {name: motor, kind: drive, joint: j, curve: {law: step5, times: [0, 0.5, 1], values: [0.1, 0.2, 0]}}
 forces:
   - {kind: damping, coefficients: {j: 0.1, n: [0.1, 0.2, 0.3]}}
   - {kind: friction, coefficients: {j: 0.5}, width: 0.01}
