@@ -18,6 +18,7 @@ import pinconsist as pc
 
 from ..errors import PinconsistError, SavingError
 from ..run.interrupts import ended_like_ctrl_c, ignored_from_now_on, interrupted
+from .assemble import assemble
 from .check import check, models
 from .compare import compare
 from .convert import convert
@@ -34,6 +35,7 @@ right from the first step on.
 
   pinconsist models                               the built-in scenes
   pinconsist check four_bar                       loops, rank, mobility
+  pinconsist assemble four_bar --all-modes        all closed configurations
   pinconsist simulate four_bar --html run.html    5 s, certified, and a page
   pinconsist simulate four_bar --out run.npz      save the run
   pinconsist rerun run.npz                        the same numbers again?
@@ -61,6 +63,7 @@ COMMANDS: dict[Callable, str] = {
     "run.interrupted = true and run.success = true",
     compare: f"{SCENE}; 130 interrupted",
     check: f"{SCENE}; 130 interrupted",
+    assemble: "2 wrong input, or loops that cannot close; 130 interrupted",
     models: INPUT,
     replay: SHOWN,
     render: SHOWN,

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, pi
+from math import inf, pi, tau
 
 import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .assembly import assembled
-from .axes import turning_columns
+from .assembly import assembled, not_kept
 from .closing import NEARLY, LoopSolver
-from .lie import difference, integrate
-from .names import BeyondLimit, beyond_limits
+from .lie import integrate
+from .names import BeyondLimit, beyond_limits, is_revolute, velocity_units
 from .rank import free_motions
 
-SAME = 1e-3  # rad, and relative to the size: at a double root a gap of NEARLY leaves errors of its square root
+SAME = 1e-3  # relative to the size: at a double root a gap of NEARLY leaves errors of its square root
 STARTS = 2000  # at most
 PATIENCE = 60, 30  # starts without a new mode after which the search ends: at least, and for each mode found
 INDEPENDENT = 1e-6  # of the motions of unit length: smaller parts do not determine a joint
@@ -47,18 +46,34 @@ def assembly_modes(mechanism, q0=None, seed: int = 0) -> Modes:
     """The assembly modes of a mechanism, from many starts; a mode that few starts lead to may be missing.
 
     Held are the joints named in `q0`, and of the motors and then of the other joints those that determine the rest. Two
-    configurations are the same if all bodies that have mass or carry a loop are at the same place: joint angles that
-    differ by turns, or the two sets of angles of a universal joint, are not two modes.
+    configurations are the same if all joints, frames, anchors and centres of mass of the bodies are at the same places:
+    joint angles that differ by turns, the two sets of angles of a universal joint, and the spin of a rod about itself
+    are not two modes.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    q0 : mapping, optional
+        Joint name → value, as in :func:`assemble`.
+    seed : int
+        Of the random starts.
+
+    Raises
+    ------
+    AssemblyError, InputError
+        The loops do not close, or not with the values in `q0`.
     """
     solver = LoopSolver(mechanism)
     first = assembled(solver, q0)
+    if moved := not_kept(mechanism, q0 or {}, first.q):
+        raise InputError(f"{mechanism.name}: the loops do not close with these positions of {', '.join(moved)}")
     held = _held(mechanism, solver, first.q, tuple(q0) if isinstance(q0, dict) else ())
     free = solver.free_columns(held)
     places = _Places(mechanism)
     found, hits = [first.q], [1]
     known = [places.of(first.q)]
     rng, last, starts, missed = np.random.default_rng(seed), 0, 0, 0
-    largest = _ranges(mechanism, first.q, places.size)
+    largest = [2.0 * places.size if unit == "m" else pi for unit in velocity_units(mechanism.model)]
     while starts < STARTS and starts - last < max(PATIENCE[0], PATIENCE[1] * len(found)) and free.any():
         starts += 1
         away = np.where(free, rng.uniform(-1.0, 1.0, mechanism.nv) * largest, 0.0)
@@ -66,6 +81,7 @@ def assembly_modes(mechanism, q0=None, seed: int = 0) -> Modes:
         if not solver.size(q) <= NEARLY:
             missed += 1
             continue
+        q = _without_turns(solver, q, first.q)
         here = places.of(q)
         same = next((i for i, each in enumerate(known) if np.abs(here - each).max(initial=0.0) < SAME), None)
         if same is None:
@@ -85,25 +101,42 @@ def assembly_modes(mechanism, q0=None, seed: int = 0) -> Modes:
     return Modes(held, tuple(modes), starts, missed)
 
 
+def _without_turns(solver, q, near) -> np.ndarray:
+    """The same configuration with angles within half a turn of those of another, if the loops stay closed."""
+    model, folded = solver.model, q.copy()
+    for joint in list(model.joints)[1:]:
+        if is_revolute(joint) and joint.nq == 1:
+            folded[joint.idx_q] -= tau * round((q[joint.idx_q] - near[joint.idx_q]) / tau)
+    return folded if solver.size(folded) <= NEARLY else q
+
+
 class _Places:
-    """Where the bodies are that have mass or carry a loop: rotations, and positions relative to the size."""
+    """Where the points are that bodies with mass, or with a loop, have: joints, frames, anchors and centres of mass."""
 
     def __init__(self, mechanism):
-        self.model, self.data = mechanism.model, mechanism.model.createData()
-        ends = [frame for loop in mechanism.anchored_loops for frame in (loop.frame1, loop.frame2)]
-        carriers = {self.model.frames[self.model.getFrameId(frame)].parentJoint for frame in ends}
-        masses = [inertia.mass > 0.0 for inertia in self.model.inertias]
-        self.bodies = [i for i in range(1, self.model.njoints) if masses[i] or i in carriers]
-        self.size = 1.0
-        pin.forwardKinematics(self.model, self.data, mechanism.guess)
-        points = np.array([self.data.oMi[i].translation for i in range(self.model.njoints)])
-        levers = max((float(np.linalg.norm(inertia.lever)) for inertia in self.model.inertias), default=0.0)
-        self.size = max(float(np.linalg.norm(np.ptp(points, axis=0))), levers) or 1.0
+        model = self.model = mechanism.model
+        self.data = model.createData()
+        anchors = [(loop.frame1, loop.placement1) for loop in mechanism.anchored_loops]
+        anchors += [(loop.frame2, loop.placement2) for loop in mechanism.anchored_loops]
+        frames = [model.frames[model.getFrameId(name)] for name, _ in anchors]
+        carriers = {frame.parentJoint for frame in frames}
+        points = [(i, np.zeros(3)) for i in range(1, model.njoints)]
+        points += [(model.parents[i], model.jointPlacements[i].translation) for i in range(1, model.njoints)]
+        points += [(i, inertia.lever) for i, inertia in enumerate(model.inertias)]
+        points += [(frame.parentJoint, frame.placement.translation) for frame in model.frames]
+        points += [(frame.parentJoint, (frame.placement * place).translation)
+                   for frame, (_, place) in zip(frames, anchors, strict=True)]  # fmt: skip
+        own = [i for i in range(1, model.njoints) if model.inertias[i].mass > 0.0 or i in carriers]
+        self.points = [(i, np.array(point)) for i, point in points if i in own]
+        self.size = float(np.linalg.norm(np.ptp([np.zeros(3), *self._at(mechanism.guess)], axis=0))) or 1.0
+
+    def _at(self, q) -> list[np.ndarray]:
+        pin.forwardKinematics(self.model, self.data, q)
+        return [self.data.oMi[i].act(point) for i, point in self.points]
 
     def of(self, q) -> np.ndarray:
-        pin.forwardKinematics(self.model, self.data, q)
-        poses = [self.data.oMi[i] for i in self.bodies]
-        return np.array([[*pose.rotation.ravel(), *(pose.translation / self.size)] for pose in poses]).ravel()
+        """All points, relative to the size."""
+        return np.array(self._at(q)).ravel() / self.size
 
 
 def _held(mechanism, solver, q, named) -> tuple[str, ...]:
@@ -125,8 +158,3 @@ def _held(mechanism, solver, q, named) -> tuple[str, ...]:
     if motions.shape[1]:
         raise InputError(f"{mechanism.name}: no joints were found whose positions determine all others")
     return tuple(held)
-
-
-def _ranges(mechanism, q, size) -> np.ndarray:
-    """How far each velocity coordinate may start from a configuration: half a turn, or twice the size."""
-    return np.where(turning_columns(mechanism.model), pi, 2.0 * size)
