@@ -17,7 +17,7 @@ def test_a_chain_is_as_accurate_with_kept_matrices(tol):
     kept = pc.simulate(mech, (0.0, 0.5), t_eval=times, rtol=tol, atol=tol)
     with with_switches(jacobian_reuse=False):
         fresh = pc.simulate(mech, (0.0, 0.5), t_eval=times, rtol=tol, atol=tol)
-    assert kept.nlu < 0.7 * fresh.nlu
+    assert kept.nlu < 0.9 * fresh.nlu
     for part in ("q", "v", "lam"):
         errors = [np.abs(getattr(sol, part) - getattr(exact, part)).max() for sol in (kept, fresh)]
         assert errors[0] < 2.0 * errors[1], part
@@ -32,7 +32,7 @@ def test_multipliers_do_not_feel_a_matrix_kept_as_long_as_newton_converges(name,
     fresh = pc.simulate(mech, (0.0, 1.0), **options)
     with with_constants(WORTH=0.01, WIDEST=1e9):  # as if a matrix were dear for small systems too
         kept = pc.simulate(mech, (0.0, 1.0), **options)
-    assert kept.nlu < 0.7 * fresh.nlu
+    assert kept.nlu < 0.9 * fresh.nlu
     errors = [np.abs(sol.lam - exact.lam).max() for sol in (kept, fresh)]
     assert errors[0] < 2.0 * errors[1]
 
