@@ -182,7 +182,8 @@ def _of_record(mechanism, name, kind, whose) -> Parameter | None:
             part = lambda value, record=record: ("force", replace(record, coefficients={whose: value}))  # noqa: E731
             return replace(_number_of(name, place, i, record, ("coefficients", whose)), part=part)
         named = whose in (label, label.partition(" ")[2], getattr(record, "joint", label))
-        if named and _is_number(part_at(record, (kind,))):
+        undamped = kind in OF_JOINTS and whose in mechanism.joints and not part_at(record, (kind,))
+        if named and not undamped and _is_number(part_at(record, (kind,))):
             return _number_of(name, place, i, record, (kind,))
     return None
 
