@@ -14,6 +14,7 @@ from . import (
     alarms,
     chains_command,
     control,
+    gallery,
     gradients,
     overhead,
     pulses,
@@ -29,6 +30,7 @@ WRONG_INPUT = "2 wrong input; 130 interrupted"
 COMMANDS: dict[str, tuple[Callable, str]] = {
     "work-precision": (work_precision_command.command, WRONG_INPUT),
     "robots": (robots.command, WRONG_INPUT),
+    "gallery": (gallery.command, WRONG_INPUT),
     "overhead": (overhead.command, WRONG_INPUT),
     "sampled": (sampled.command, WRONG_INPUT),
     "pulses": (pulses.command, WRONG_INPUT),

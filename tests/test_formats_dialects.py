@@ -490,6 +490,8 @@ def test_what_a_xacro_file_must_not_do(robot, tmp_path, evil):
         ('<xacro:include filename="$(find arm)/x.xacro"/>', r"\$\(find arm\).*package_dirs="),
         ('<link name="$(arg side)"/>', r"its argument 'side' has no default; pass it: args="),
         ("<xacro:nothing/>", "xacro: .*nothing"),
+        ("<xacro:include filename='none.xacro'/>", "xacro: .*none.xacro"),
+        ("<xacro:include filename='package://arm/none.xacro'/>", "xacro: .*none.xacro"),
     ],
 )
 def test_errors_of_xacro_say_what_helps(robot, text, message):

@@ -60,8 +60,9 @@ def expanded(path: Path, args: dict, folders) -> bytes:
     except ValueError:
         reason = (run.stderr.decode(errors="replace").strip().splitlines() or ["it used too much time or memory"])[-1]
         raise FormatError(f"xacro did not finish: {reason[:200]}") from None
-    for file in answer["opened"]:
-        note_read(Path(file), hashlib.sha256(Path(file).read_bytes()).hexdigest())
+    for file in map(Path, answer["opened"]):
+        if file.is_file():  # it may have asked for one that is not there
+            note_read(file, hashlib.sha256(file.read_bytes()).hexdigest())
     if "error" in answer:
         raise FormatError(_reason(answer))
     return answer["text"].encode()
