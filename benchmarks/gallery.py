@@ -108,7 +108,7 @@ def _row(title, file, until) -> Row:
         row.ok = certificate.ok
         row.verdict = re.sub(r".*?: (ok|look)", r"\1", certificate.verdict)
     except pc.PinconsistError as error:
-        row.verdict = f"{type(error).__name__}: {error}".replace(str(file), Path(file).name)
+        row.verdict = f"{type(error).__name__}: {error}".replace(f"{Path(file).parent}/", "")
     except _TooLong:
         row.verdict = f"not at its end after {WALL:g} s"
     return row
