@@ -35,6 +35,11 @@ from .judging.judge import Judgement as Judgement
 from .judging.judge import referee as referee
 from .mechanism.assembly import Assembly as Assembly
 from .mechanism.assembly import assemble as assemble
+from .mechanism.contacts import Contact as Contact
+from .mechanism.contacts import DryFriction as DryFriction
+from .mechanism.contacts import Rope as Rope
+from .mechanism.contacts import Stop as Stop
+from .mechanism.contacts import Strut as Strut
 from .mechanism.curve import Curve as Curve
 from .mechanism.custom import Constraint as Constraint
 from .mechanism.energy import Energy as Energy

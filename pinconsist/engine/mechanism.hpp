@@ -1,9 +1,9 @@
 // mechanism/system.py: M v' + nle = τ + Jᵀλ, Φ = 0.
 #pragma once
 
+#include "contacts.hpp"
 #include "forces.hpp"
 #include "lie.hpp"
-#include "rows.hpp"
 
 namespace pinconsist {
 
@@ -66,6 +66,7 @@ public:
     nc = at + rows->size();
     calls_python_ |= rows->calls_python();
     difference_step = std::min(difference_step, rows->difference_step());
+    slides_ |= rows->slides();
     rows_.push_back({std::move(rows), at});
     size_rows();
   }
@@ -79,6 +80,11 @@ public:
   void add_constant(const Vec &torque) { constant_ += torque; }
   void add_damping(const Vec &coefficients) { damping_ += coefficients; }
   bool calls_python() const override { return calls_python_; }
+
+  const Mat &G_transposed() const override { return slides_ ? Gt_ : W; }
+  void step_ended(const Vec &v) override {
+    for (const auto &part : rows_) part.first->step_ended(v);
+  }
 
   void integrate(const Vec &p, const Vec &xi, Vec &out) const override {
     out.resize(npos);
@@ -136,11 +142,13 @@ public:
       find_jacobians();
       fill_rows(t, p);
     }
+    if (slides_) turn_forces(v);
     add_the_rest(t, p, v);
   }
 
   void constraint(double t, const Vec &p, const Vec &v) override {
     evaluate_rows(t, p);
+    if (slides_) turn_forces(v);
     hidden_residual(t, p, v);
   }
 
@@ -149,6 +157,7 @@ public:
       f = library::rnea(model_, data_, p, v, Vec::Zero(nv));
     } else {
       if (!known) evaluate_rows(t, p);
+      if (slides_) turn_forces(v);
       if (!by_jacobians()) f = library::rnea(model_, data_, p, v, Vec::Zero(nv)); // does not change the joint Jacobians
       move_bodies(v);
       if (by_jacobians()) weigh_bodies();
@@ -175,7 +184,9 @@ public:
     differentiate_forces(t, p, v, a, D, K);
     f = data_.tau;
     fill_rows(t, p);
+    if (slides_) turn_forces(v);
     add_the_rest(t, p, v);
+    if (slides_) add_turning(v, D);
     M = data_.M.selfadjointView<Eigen::Upper>();
   }
 
@@ -241,12 +252,13 @@ public:
   }
 
   // ∂(Jᵀλ)/∂q by forward differences; needed only if Newton is slow.
-  void subtract_force_gradient(double t, const Vec &p, const Vec &, const Vec &lam, double c,
+  void subtract_force_gradient(double t, const Vec &p, const Vec &v, const Vec &lam, double c,
                                Eigen::Ref<Mat> A) override {
-    const Mat kept_W = W;
+    const Mat kept_W = W, kept_Gt = Gt_;
     const Vec kept_phi = phi;
     evaluate_rows(t, p);
-    const Vec at = W.transpose() * lam;
+    if (slides_) turn_forces(v);
+    const Vec at = G_transposed().transpose() * lam;
     const double step = 1e-7;
     Vec unit = Vec::Zero(nx);
     Mat gradient(nv, nv);
@@ -255,11 +267,13 @@ public:
       Vec there(npos);
       integrate(p, unit, there);
       evaluate_rows(t, there);
-      gradient.col(i) = (W.transpose() * lam - at) / step;
+      if (slides_) turn_forces(v);
+      gradient.col(i) = (G_transposed().transpose() * lam - at) / step;
       unit[i] = 0.0;
     }
     A -= c * c * gradient;
     W = kept_W;
+    Gt_ = kept_Gt;
     phi = kept_phi;
   }
 
@@ -365,6 +379,18 @@ private:
     subtract_forces(t, p, v);
   }
 
+  // The directions of the forces of contacts that slide.
+  void turn_forces(const Vec &v) {
+    Gt_ = W;
+    for (const auto &[rows, at] : rows_) rows->add_friction(v, at, Gt_);
+  }
+
+  // The derivative of these directions, with the λ that balance f.
+  void add_turning(const Vec &v, Mat &D) {
+    const Vec lam = (Gt_ * Gt_.transpose()).ldlt().solve(Gt_ * f);
+    for (const auto &[rows, at] : rows_) rows->add_turning(v, lam[at], D);
+  }
+
   bool nobody_needs_jacobians() const { return rows_.empty() && !forces_on_bodies_; }
 
   void evaluate_rows(double t, const Vec &p) {
@@ -382,7 +408,8 @@ private:
   LieGroup group_;
   std::vector<Continuous> continuous_;
   std::vector<Planar> planar_;
-  bool calls_python_ = false, forces_on_bodies_ = false;
+  bool calls_python_ = false, forces_on_bodies_ = false, slides_ = false;
+  Mat Gt_; // of contacts that slide
   std::vector<std::pair<std::unique_ptr<Rows>, int>> rows_;
   Mat by_v_, by_q_; // of all forces; kept for later steps
 };

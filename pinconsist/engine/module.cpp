@@ -20,6 +20,7 @@ namespace pinconsist {
 
 void bind_steppers(nb::module_ &m);  // steppers.cpp, compiled in parallel
 void bind_gradients(nb::module_ &m); // gradients.cpp
+void bind_complementarity(nb::module_ &m);
 
 // Here, since the decomposition takes a tenth of the time in which a file is compiled.
 Table MechanismSystem::complete(double t, const Table &configurations, Table multipliers, const std::vector<int> &steady) {
@@ -120,6 +121,9 @@ NB_MODULE(_engine, m) {
            [](MechanismSystem &s, int joint1, const Pose &place1, int joint2, const Pose &place2, const Mat &matrix, bool fresh) {
              s.add_rows(made<AnchoredRows>(s, joint1, place1, joint2, place2, matrix), fresh);
            })
+      .def("add_limit", adds<LimitRow, Place, double, double, double>())
+      .def("add_rope", adds<RopeRow, int, Pose, int, Pose, double>())
+      .def("add_sliding", adds<SlidingRow, int, Pose, int, Pose, Mat, double, Vec, double>())
       .def("add_distance", adds<DistanceRow, int, Pose, int, Pose, double>())
       .def("add_drive", adds<DriveRow, Place, double, Numbers>())
       .def("add_coupling", adds<CouplingRow, Place, Place, double, Vec>())
@@ -127,6 +131,7 @@ NB_MODULE(_engine, m) {
            [](MechanismSystem &s, nb::object closure, std::vector<int> local, bool moving, double step) {
              s.add_rows(std::make_unique<PythonRows>(closure, std::move(local), moving, step));
            })
+      .def_prop_ro("G_transposed", [](const MechanismSystem &s) { return s.G_transposed(); }) // of the last evaluation
       .def("add_constant", &MechanismSystem::add_constant)
       .def("add_damping", &MechanismSystem::add_damping)
       .def("add_friction", adds<SmoothFriction, Vec, double>())
@@ -248,4 +253,5 @@ NB_MODULE(_engine, m) {
 
   bind_steppers(m);
   bind_gradients(m);
+  bind_complementarity(m);
 }

@@ -150,10 +150,10 @@ class Index3System:
         """Number of multipliers as the user sees them, including those of rows that were left out."""
         return self.nc
 
-    def full_multipliers(self, p, lam, complete=None):
+    def full_multipliers(self, p, lam, complete=None, v=None):
         """The multipliers as the user sees them, (n_multipliers,), from `lam` of this system at `p`; also stacks.
 
-        `complete`, if given, is a compiled function that does this for many rows.
+        `complete`, if given, is a compiled function that does this for many rows; `v` are the velocities.
         """
         return lam
 

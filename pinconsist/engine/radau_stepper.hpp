@@ -111,9 +111,10 @@ public:
   }
 
   // An event between the last two evaluations of `signs`: its time and state, by a step that is repeated up to there.
-  // Nothing if the equations are singular there.
-  std::optional<Located> locate(Signs &signs, size_t i) {
-    if (signs.values[i] == 0.0) {
+  // Nothing if the equations are singular there. With a `limit`, of a function whose sign has changed there already, in a
+  // step that ends there: long steps are less accurate between their ends.
+  std::optional<Located> locate(Signs &signs, size_t i, double limit = NOT_A_NUMBER) {
+    if (signs.values[i] == 0.0 && std::isnan(limit)) {
       if (signs.end == t) return Located{t, p, v, lam};
       const auto ending = retake(*last_step(), signs.end);
       if (!sampler.sample(ending ? ending : last_step(), signs.end)) return {};
@@ -125,10 +126,17 @@ public:
       regular = regular && sampler.look(of, at, signs.with_multipliers);
       return regular ? signs.value(i, at, sampler.p, sampler.v, sampler.lam) : 0.0;
     };
-    const auto step = last_step();
+    auto step = last_step();
     Bracket between{signs.begin, signs.before[i], signs.end, signs.values[i]};
+    if (!std::isnan(limit)) {
+      const auto shorter = retake(*step, limit);
+      if (shorter) step = shorter;
+      between.end = limit;
+      between.after = g(step, limit);
+      if (between.before * between.after > 0.0) return {};
+    }
     const bool found = !signs.leaves(i) || narrowed([&](double at) { return g(step, at); }, between);
-    const auto &[begin, before, end, after] = between;
+    auto &[begin, before, end, after] = between;
     double left = 0.0;
     if (found) {
       const double near = std::max(exactly(end), ROUGHLY * std::abs(end - begin));
@@ -139,8 +147,25 @@ public:
     const bool at_start = std::abs(root - step->shape.t) < shortest_step(root);
     auto again = !regular || at_start ? step : retake(*step, root);
     if (!again) again = step;
-    const double near_by = root - SLOPE_OVER * (root - begin), there = g(again, root); // a Newton step
-    const double moved = root - there * (root - near_by) / (left - g(step, near_by));
+    auto seen = step; // in which the root was found
+    double there = g(again, root);
+    // Just after a start the polynomial of a long step has not the rates of the start: shorter steps have.
+    for (int turn = 0; turn < RELOCATED && found && regular && signs.leaves(i) && !at_start && there * after > 0.0; ++turn) {
+      Bracket sooner{signs.begin, signs.before[i], root, there};
+      if (!narrowed([&](double at) { return g(again, at); }, sooner)) break;
+      seen = again;
+      const double last = root, near = std::max(exactly(root), ROUGHLY * std::abs(root - sooner.begin));
+      std::tie(root, left) = zero([&](double at) { return g(again, at); }, sooner.begin, sooner.before, sooner.end, sooner.after, near);
+      begin = sooner.begin;
+      there = left;
+      if (std::abs(last - root) < ROUGHLY * std::abs(last - signs.begin)) break;
+      const auto shorter = retake(*step, root);
+      if (!shorter) break;
+      again = shorter;
+      there = g(again, root);
+    }
+    const double near_by = root - SLOPE_OVER * (root - begin); // a Newton step
+    const double moved = root - there * (root - near_by) / (left - g(seen, near_by));
     if ((moved - begin) * (moved - end) < 0.0) root = moved;
     if (!regular || !sampler.sample(again, root)) return {};
     return Located{root, sampler.p, sampler.v, sampler.lam};
@@ -208,6 +233,7 @@ public:
     }
     keep_shape(a1_);
     last_.reset();
+    system_.step_ended(v1_);
     stage_a_ = newton.stages.W.rightCols(1);
     newton.accepted();
     used_h = newton.stages.h;

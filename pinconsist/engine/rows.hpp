@@ -21,6 +21,11 @@ struct Rows {
   virtual int size() const = 0;
   virtual bool calls_python() const { return false; }
   virtual double difference_step() const { return INF; }
+  // Rows whose force has another direction than W, see SlidingRow: what is added to Gᵀ at `at`, and to ∂f/∂v.
+  virtual bool slides() const { return false; }
+  virtual void add_friction(const Vec &, int, Mat &) const {}
+  virtual void add_turning(const Vec &, double, Mat &) const {}
+  virtual void step_ended(const Vec &) {}
 };
 
 

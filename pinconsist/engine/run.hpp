@@ -158,6 +158,12 @@ public:
       if (signs.changed) break;
       --unseen_;
       if (!self().look(signs, at)) return Failure::singular;
+      const double between = signs.changed ? NOT_A_NUMBER : signs.doubtful();
+      if (std::isnan(between)) continue;
+      signs.back();
+      if (!self().look(signs, between)) return Failure::singular;
+      if (signs.changed) ++unseen_;
+      else if (!self().look(signs, at)) return Failure::singular;
     }
     return Failure::none;
   }

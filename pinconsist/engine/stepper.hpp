@@ -89,7 +89,7 @@ public:
   }
 
   // An event between the last two evaluations of `signs`: its time and state.
-  std::optional<Located> locate(Signs &signs, size_t i) {
+  std::optional<Located> locate(Signs &signs, size_t i, double = NOT_A_NUMBER) { // steps are as accurate between their ends
     const auto g = [&](double at) {
       const Located here = inside(at);
       return signs.value(i, at, here.p, here.v, here.lam);

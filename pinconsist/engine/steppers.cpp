@@ -75,11 +75,11 @@ template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) 
       .def_rw("step", &Stepper::step)
       .def_prop_ro("sizes", [](const Stepper &s) { return array(s.control.sizes); })
       .def("locate", // the time of an event, and p, v, λ there; None where the equations are singular
-           [](Stepper &s, Signs &signs, size_t i) -> nb::object {
-             const auto found = s.locate(signs, i);
+           [](Stepper &s, Signs &signs, size_t i, double limit) -> nb::object {
+             const auto found = s.locate(signs, i, limit);
              if (!found) return nb::none();
              return nb::make_tuple(found->t, nb::make_tuple(array(found->p), array(found->v), array(found->lam)));
-           })
+           }, "signs"_a, "i"_a, "limit"_a = NOT_A_NUMBER)
       .def("watched", [](Stepper &s, Signs &signs) { return name_of(s.watched(signs)); })
       .def("work", // since the last call
            [](Stepper &s) {
@@ -108,9 +108,15 @@ template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) 
 }
 
 void bind_signs(nb::module_ &m) {
+  nb::class_<ContactWatch>(m, "ContactWatch")
+      .def(nb::init<MechanismSystem &>(), "rows"_a, nb::keep_alive<1, 2>())
+      .def("add_gap", &ContactWatch::add_gap, "row"_a, "level"_a)
+      .def("add_push", &ContactWatch::add_push, "place"_a)
+      .def("add_cone", &ContactWatch::add_cone, "place"_a, "beside"_a, "friction"_a)
+      .def("add_speed", &ContactWatch::add_speed, "row"_a, "direction"_a, "level"_a);
   nb::class_<Signs>(m, "Signs")
-      .def(nb::init<const nb::tuple &, bool, nb::handle, nb::handle, std::vector<int>, int>(), "events"_a, "with_multipliers"_a, "interrupted"_a,
-           "finish"_a.none(), "places"_a, "number"_a)
+      .def(nb::init<const nb::tuple &, bool, nb::handle, nb::handle, std::vector<int>, int, ContactWatch *>(), "events"_a, "with_multipliers"_a,
+           "interrupted"_a, "finish"_a.none(), "places"_a, "number"_a, "contacts"_a.none(), nb::keep_alive<1, 8>())
       .def_ro("begin", &Signs::begin)
       .def_ro("end", &Signs::end)
       .def_ro("before", &Signs::before)

@@ -82,6 +82,8 @@ public:
   virtual bool calls_python() const = 0;
   // Gᵀ at the point evaluated last.
   virtual const Mat &G_transposed() const { return W; }
+  // A step has been accepted, with this velocity at its end.
+  virtual void step_ended(const Vec &) {}
   virtual void integrate(const Vec &p, const Vec &xi, Vec &out) const = 0;
   virtual void difference(const Vec &p0, const Vec &p1, Vec &xi) const = 0;
   virtual Vec rate(double, const Vec &, const Vec &v) const { return v; }

@@ -102,9 +102,23 @@ CONSTANT(LOOKS_OF_BDF, 4); // the same of BDF, whose steps are shorter
 CONSTANT(SHORTER, 0.25); // factor by which the time after an event is shortened until its function has left zero
 CONSTANT(ROUGHLY, 1e-7); // accuracy of an event before a Newton step, relative to the time between two evaluations
 CONSTANT(SLOPE_OVER, 1e-3); // time over which the slope of its function is measured, relative to the same
+CONSTANT(RELOCATED, 6); // times that an event just after a start is located again in a shorter step
 CONSTANT(NUDGE, 1e-6); // fraction of the time to the next evaluation after which an event that was zero has its sign
 CONSTANT(HALVING, 20); // tries after which a zero is found by bisection alone
 CONSTANT(PATIENCE, 0.05); // s after which one call makes no more steps, so that interrupts are noticed
+
+// Complementarity problems of contacts
+CONSTANT(SWEEPS, 20); // of projected Gauss-Seidel before Newton's method
+CONSTANT(ROUNDS, 4); // each with twice as many sweeps as the last, where pivots have failed
+CONSTANT(NEWTON_TURNS, 30); // iterations of Newton's method
+CONSTANT(ENOUGH_LEFT, 1e-13); // residual, relative to b, at which a problem is solved
+CONSTANT(WELL_LEFT, 1e-10); // the same after pivots
+CONSTANT(NO_RESPONSE, 1e-14); // diagonal entries, relative to the largest, that are zero
+CONSTANT(LONGEST_RHO, 1e3); // step of a projection where there is no diagonal
+CONSTANT(DIVERGED, 1e30); // size of unknowns at which sweeps end
+CONSTANT(DIRECTIONS, 12); // of friction in a plane, for pivots
+CONSTANT(PIVOTS, 50); // for each unknown, after which there is no solution
+CONSTANT(PIVOT, 1e-11); // smallest one
 
 // Only for speed: forecasts that avoid evaluations, and matrices that are kept
 CONSTANT(STALE_FACTOR, 0.3); // factor of Newton's tolerance for a kept matrix, whose linear convergence affects multipliers

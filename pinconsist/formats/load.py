@@ -153,7 +153,7 @@ def read_scene(
         robot = read(path, scene.name, folders, **options)
     with located(loop_path):
         model = record.applied(robot.model)
-        model = loopfile.with_distinct_frames((*robot.loops, *record.loops, *record.forces), model)
+        model = loopfile.with_distinct_frames((*robot.loops, *record.loops, *record.forces, *record.contacts), model)
         record.check(model)
     closures = closed(model, (*robot.loops, *record.loops), robot.guess)
     if is_urdf and loop_path is None and not closures:
@@ -173,6 +173,7 @@ def read_scene(
             model,
             (*closures, *robot.couplings),
             (*robot.forces, *record.forces),
+            contacts=record.contacts,
             name=scene.name,
             guess=robot.guess | record.guess,
             actuated=tuple(dict.fromkeys((*robot.actuated, *record.actuated))),

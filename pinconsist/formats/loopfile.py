@@ -1,6 +1,6 @@
 """Loop files: YAML files with the loops of a tree, in several conventions.
 
-The project's own convention has ``loops`` and ``forces``, which are lists of records
+The project's own convention has ``loops``, ``forces`` and ``contacts``, which are lists of records
 (:mod:`pinconsist.formats.records`), ``description``, ``guess``, ``actuated`` (the motorised joints; ``name_mot`` is
 accepted, too), ``duration`` (how long commands simulate by default, s; 5 if it is missing), and ``joints``,
 ``gravity`` and ``joint_order`` (:mod:`pinconsist.formats.joints`). The other convention is the ``robot.yaml`` of the
@@ -26,11 +26,33 @@ from . import loop_lists
 from .closures import closed
 from .joints import check_type, in_order, joint_settings, new_names, with_values
 from .reading import finite, located, near, read_bytes, require_known, short_repr
-from .records import amount, force_element, force_record, items, known_keys, loop_element, loop_record, name, numbers
+from .records import (
+    amount,
+    contact_record,
+    force_element,
+    force_record,
+    items,
+    known_keys,
+    loop_element,
+    loop_record,
+    name,
+    numbers,
+)
 
 MAX_BYTES = 1_000_000
 MAX_VALUE = 10_000  # characters: the time to parse 1:1:1:..., a number in base 60, grows with their square
-_OWN_KEYS = ("description", "loops", "forces", "guess", "actuated", "duration", "joints", "gravity", "joint_order")
+_OWN_KEYS = (
+    "description",
+    "loops",
+    "forces",
+    "contacts",
+    "guess",
+    "actuated",
+    "duration",
+    "joints",
+    "gravity",
+    "joint_order",
+)
 _ROBOT_KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
 _KEY = rf"(?:^|[{{,]\s*)[\"']?(loops|forces|closed_loop|(?:{'|'.join(loop_lists.KEYS)})(?![\"']?\s*:\s*\[\]))[\"']?\s*:"
 _LOOP_KEY = re.compile(_KEY.encode(), re.MULTILINE)
@@ -46,6 +68,7 @@ class LoopFile:
 
     loops: tuple[Loop | Coupling | Drive, ...] = ()
     forces: tuple = ()  # records of :mod:`pinconsist.mechanism.forces`
+    contacts: tuple = ()  # records of :mod:`pinconsist.mechanism.contacts`
     actuated: tuple[str, ...] = ()  # motorised joints, by their names after replacement
     guess: dict = field(default_factory=dict)  # joint → one or several values, the initial guess of the assembly
     joint_types: dict[str, str] = field(default_factory=dict)  # see `joints.joint_settings`
@@ -72,6 +95,9 @@ class LoopFile:
         for number, force in enumerate(self.forces, start=1):
             with located(element=force_element(number, force)):
                 force.bind(model)
+        for number, contact in enumerate(self.contacts, start=1):
+            with located(element=f"contact {number} ({contact.kind})", prefix=f"{contact.kind} {contact.name!r}: "):
+                contact.elements(model)
         for element, named in (("guess", self.guess), ("actuated joints", self.actuated)):
             for joint in named:
                 require_known(joint, tuple(model.names)[1:], f"the model has no joint {joint!r}", element)
@@ -127,7 +153,7 @@ def with_distinct_frames(records, model):
     Exported files often have such names. If the placements differ, both names are kept, and :meth:`LoopFile.check`
     refuses them.
     """
-    used = {getattr(each, field, None) for each in records for field in ("frame", "frame1", "frame2")}
+    used = {getattr(each, field, None) for each in records for field in ("frame", "frame1", "frame2", "on")}
     names, model = [frame.name for frame in model.frames], model.copy()
     for twice in (each for each in sorted(set(names) & used) if names.count(each) == 2):
         first, second = (frame for frame in model.frames if frame.name == twice)
@@ -202,6 +228,7 @@ def _own(record):
             raise FormatError("another loop has this name", element=loop_element(number, loop.name))
         loops.append(loop)
     forces = tuple(force_record(number, entry) for number, entry in enumerate(items(record, "forces"), start=1))
+    contacts = tuple(contact_record(number, entry) for number, entry in enumerate(items(record, "contacts"), start=1))
     guess = record.get("guess") or {}
     if not isinstance(guess, dict):
         raise FormatError("it must map joint names to values", element="guess")
@@ -215,7 +242,7 @@ def _own(record):
     gravity = None if record.get("gravity") is None else numbers(record["gravity"], "gravity", count=3)
     actuated = tuple(dict.fromkeys((*_names(record, "actuated"), *_names(record, "name_mot"))))
     settings = (*joint_settings(record), gravity, _names(record, "joint_order"))
-    return LoopFile(tuple(loops), forces, actuated, guess, *settings, description, duration)
+    return LoopFile(tuple(loops), forces, contacts, actuated, guess, *settings, description, duration)
 
 
 def _robot(record, path):

@@ -1,4 +1,4 @@
-"""The records under ``loops`` and ``forces`` in a loop file, read and written.
+"""The records under ``loops``, ``forces`` and ``contacts`` in a loop file, read and written.
 
 A loop closure has the fields of :class:`~pinconsist.Loop`, ``kind: coupling`` those of :class:`~pinconsist.Coupling`,
 and ``kind: drive`` a joint and the fields of a :class:`~pinconsist.Motion`, or those of a :class:`~pinconsist.Curve`
@@ -22,6 +22,14 @@ A force has ``kind`` and the fields of its record in :mod:`pinconsist.mechanism.
       - {kind: servo, joint: crank, target: {start: 0.1, speed: 2.0}, stiffness: 100.0, damping: 5.0}
       - {kind: wrench, frame: tip, force: [0, 0, -10], axes: world}
 
+What touches has ``kind`` and the fields of its record in :mod:`pinconsist.mechanism.contacts`::
+
+    contacts:
+      - {kind: stop, joint: boom, upper: 0.9, restitution: 0.2}
+      - {kind: rope, name: sling, frame1: hook, frame2: load, length: 1.5}
+      - {kind: contact, name: heel, frame: foot, xyz: [0, 0, -0.26], friction: [0.8, 0.6]}
+      - {kind: dry-friction, joint: elbow, friction: [1.3, 1.0]}
+
 Where code takes a number or a function of time, a file takes a number, the fields of a Motion (with ``law: sine`` or
 without), or those of a Curve: a ``law`` (``spline``, ``step5``, ``cycloid`` or ``table``), ``times`` and ``values``.
 """
@@ -33,6 +41,7 @@ import numpy as np
 
 from ..errors import FormatError, InputError
 from ..mechanism import forces as laws
+from ..mechanism.contacts import CONTACTS
 from ..mechanism.curve import LAWS, Curve
 from ..mechanism.joint_constraints import Coupling, Drive
 from ..mechanism.loops import ROW_NAMES, Loop
@@ -75,6 +84,14 @@ def force_record(number: int, entry):
     return record_of(FORCES[kind], entry, f"force {number} ({kind})")
 
 
+def contact_record(number: int, entry):
+    """The contact of record `number`, counted from 1; FormatError if it is invalid."""
+    entry = dict(mapping(entry, f"contact {number}", "kind, joint, upper"))
+    kind = _kind(entry, CONTACTS, f"contact {number}")
+    element = f"contact {number} ({kind})"
+    return record_of(CONTACTS[kind], entry, element, f"{kind} {entry.get('name') or entry.get('joint')!r}: ")
+
+
 def loop_element(number: int, given=None) -> str:
     """The name that messages use for loop `number`, which includes the name in its record."""
     return f"loop {number} {given!r}" if isinstance(given, str) else f"loop {number}"
@@ -115,6 +132,11 @@ def force_entries(mechanism) -> list[dict]:
             force = dataclasses.replace(force, **{field: shares})
         entries.append({"kind": kind} | _fields(force, what))
     return entries
+
+
+def contact_entries(mechanism) -> list[dict]:
+    """The records under ``contacts`` as plain data."""
+    return [{"kind": each.kind} | _fields(each, f"{each.kind} {each.name!r}") for each in mechanism.contacts]
 
 
 def _fields(record, what):

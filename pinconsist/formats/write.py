@@ -27,7 +27,7 @@ from .catalogue import Source
 from .joints import VALUES
 from .load import read_scene
 from .reading import parsed, text
-from .records import force_entries, loop_entries
+from .records import contact_entries, force_entries, loop_entries
 from .urdf import INERTIA, UNLIMITED, origin
 
 WRITERS = {".sdf": "sdf", ".xml": "mjcf", ".mjcf": "mjcf", ".usda": "usd", ".usd": "usd"}
@@ -142,6 +142,7 @@ def _loop_file(mechanism, joints) -> dict:
         "joints": joints,
         "loops": loop_entries(mechanism),
         "forces": force_entries(mechanism),
+        "contacts": contact_entries(mechanism),
         "guess": by_joint(mechanism, mechanism.guess),
         "actuated": list(mechanism.actuated),
         "duration": mechanism.duration if mechanism.duration != Mechanism.duration else None,

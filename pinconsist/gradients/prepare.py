@@ -39,6 +39,11 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
     breakpoints = Breakpoints()
     make = _maker(build, t_span[0], breakpoints, q0, v0, forces, events, control)
     base = make(theta)
+    if base.mechanism.contacts:
+        raise InputError(
+            f"{base.mechanism.name}: a run with contacts has no derivatives here, because its modes change; remove "
+            "them by with_contacts(), or compare two runs"
+        )
     solution = simulate(
         base.mechanism, t_span, base.q0, base.v0, method="Radau", events=base.events, rtol=rtol, atol=atol,
         **{**options, "dense_output": True},

@@ -149,9 +149,21 @@ def lock(mechanism, joints, q=None):
         model=smaller,
         loops=tuple(loop for loop in loops if loop is not None),
         forces=tuple(force for force in forces if force is not None),
+        contacts=_contacts(mechanism, smaller, locked),
         guess=full[state.q_left],
         actuated=tuple(joint for joint in mechanism.actuated if joint not in locked),
     )
+
+
+def _contacts(mechanism, smaller, locked):
+    """The contacts that still can move."""
+    left = []
+    for each in mechanism.contacts:
+        ends = [getattr(each, field, "") for field in ("frame1", "frame2", "frame", "on")]
+        bodies = [_body(smaller, frame) for frame in ends if frame]
+        if getattr(each, "joint", "") not in locked and (not bodies or bodies[0] != bodies[1]):
+            left.append(each)
+    return tuple(left)
 
 
 def _loop(loop, mechanism, smaller, locked, state):

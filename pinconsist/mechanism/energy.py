@@ -126,6 +126,7 @@ def energy_of(solution, mechanism, workspace=None, system=None, found=None) -> E
     measured = dict(zip(labels, zip(columns[::2], columns[1::2], strict=True), strict=True))
     power, stored = _powers(forces, measured, sided(t), q, v)
     _add_drives(power, rows, t, q, solution.lam, workspace)
+    _add_friction(power, mechanism, sided(t), q, v, solution.lam, workspace)
     elastic = sum(stored.values(), np.zeros(n))
     total = kinetic + potential + elastic
     done, acts = np.zeros((len(power), n)), [k for k, each in enumerate(power.values()) if each.any()]
@@ -155,11 +156,28 @@ def _powers(forces, measured, t, q, v):
 def _add_drives(power, rows, t, q, lam, workspace):
     """The power of each constraint that depends on time."""
     if rows.moving:
-        brought = -lam * _time_rates(rows, t, q, workspace)
+        brought = -lam[:, : rows.nc] * _time_rates(rows, t, q, workspace)
         for closure in rows.closures:
             if closure.moving:
                 name = closure.loop.name
                 power[unused(name, power)] = brought[:, rows.slices[name]].sum(axis=1)
+
+
+def _add_friction(power, mechanism, t, q, v, lam, workspace):
+    """The power of the friction of each contact."""
+    elements = mechanism.contact_elements
+    if not any(element.tangents for element in elements):
+        return
+    compiled, first = workspace.compiled(), 0
+    for element in elements:
+        element.add(compiled)
+    rates = compiled.residuals(t, q, v, np.zeros((len(t), compiled.nc)))[1]
+    brought = lam[:, mechanism.nc :] * rates
+    for element in elements:
+        if element.tangents:
+            own = brought[:, first + element.pushes : first + element.size]
+            power[unused(element.record.name, power)] = own.sum(axis=1)
+        first += element.size
 
 
 def refined(energy, mechanism, states, workspace) -> Energy:
@@ -188,6 +206,7 @@ def _divided(energy, mechanism, states, workspace, parts) -> Energy:
     measured = dict(zip(labels, zip(columns.T[3::2], columns.T[4::2], strict=True), strict=True))
     power, _ = _powers(forces, measured, times, q, v)
     _add_drives(power, rows, times, q, lam, workspace)
+    _add_friction(power, mechanism, times, q, v, lam, workspace)
     work, error = dict(energy.work), energy.error + sum(energy.work[label] for label in power)
     change = np.zeros(len(long))
     for label, values in power.items():

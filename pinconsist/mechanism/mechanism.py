@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from ..errors import InputError
 from .checks import checked_model, finite_array, near, normalized, number, places, put, require_mechanism, triple
+from .contacts import checked_contacts, elements_of
 from .correction import correction
 from .custom import Constraint
 from .description import html_of, text_of
@@ -48,6 +49,8 @@ class Mechanism:
     forces : sequence
         Records of :mod:`pinconsist.mechanism.forces`; joint torques by name (joint → N·m or N, or a function of
         time) or as an array (nv,); callables ``f(t, q, v) -> (nv,)``.
+    contacts : sequence
+        Records of :mod:`pinconsist.mechanism.contacts`: stops, ropes, points on planes.
     name : str
         Used in messages and files.
     guess : mapping or array, optional
@@ -72,6 +75,7 @@ class Mechanism:
     model: pin.Model
     loops: Sequence[Loop | Drive | Coupling | Constraint] = ()
     forces: Sequence[Any] = ()
+    contacts: Sequence[Any] = field(default=(), kw_only=True)
     name: str = "mechanism"
     guess: Any = None
     actuated: tuple[str, ...] = ()
@@ -94,6 +98,7 @@ class Mechanism:
         LoopRows(model, self.loops)  # this checks frames and bodies
         put(self, forces=tuple(as_force(force) for force in self.forces))
         bound_forces(model, self.forces)  # this checks joints, frames and sizes
+        put(self, contacts=checked_contacts(model, self.contacts, self.loops))
         put(self, guess=self.configuration({} if self.guess is None else self.guess))
         for joint in self.actuated:
             self.joint_index(joint)
@@ -126,8 +131,14 @@ class Mechanism:
 
     @property
     def row_labels(self) -> list[tuple[str, str]]:
-        """(loop, row) of each multiplier."""
-        return [(loop.name, row) for loop in self.loops for row in loop.rows]
+        """(loop or contact, row) of each multiplier: those of the loops come first."""
+        rows = [(loop.name, row) for loop in self.loops for row in loop.rows]
+        return rows + [(each.record.name, row) for each in self.contact_elements for row in each.labels]
+
+    @cached_property
+    def contact_elements(self) -> list:
+        """The elements of the contacts."""
+        return elements_of(self.model, self.contacts)
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
@@ -211,6 +222,19 @@ class Mechanism:
         Raises InputError for unknown frames or joints, wrong sizes, and arguments that are not forces.
         """
         return replace(self, forces=(*self.forces, *forces))
+
+    def with_contacts(self, *contacts) -> Mechanism:
+        """The same mechanism with these `contacts` instead of its own; without arguments, with none.
+
+        Each is a record of :mod:`pinconsist.mechanism.contacts`: :class:`Stop`, :class:`Rope`, :class:`Strut`,
+        :class:`Contact`, :class:`DryFriction`. :meth:`add_contacts` keeps its own. Raises InputError for unknown joints
+        and frames, names that are not unique, and other objects.
+        """
+        return replace(self, contacts=contacts)
+
+    def add_contacts(self, *contacts) -> Mechanism:
+        """The same mechanism with these `contacts` added to its own, see :meth:`with_contacts`."""
+        return replace(self, contacts=(*self.contacts, *contacts))
 
     def with_control(self, control: Mapping[str, Any]) -> Mechanism:
         """The same mechanism with other commands: `control` maps names of actuators, or of their joints, to commands.

@@ -257,11 +257,12 @@ def _number_of(name, place, i, record, path) -> Parameter:
 
 @lru_cache(maxsize=1)
 def records_of(mechanism) -> dict:
-    """Name → ("loops" or "forces", index among them, record) of all loops and forces, the longest names first."""
+    """Name → ("loops", "forces" or "contacts", index among them, record) of all of them, the longest names first."""
     own = len(model_forces(mechanism.model))
     labels = list(bound_forces(mechanism.model, mechanism.forces))[own:]
     found = {label: ("forces", i, mechanism.forces[i]) for i, label in enumerate(labels)}
     found |= {loop.name: ("loops", i, loop) for i, loop in enumerate(mechanism.loops)}
+    found |= {each.name: ("contacts", i, each) for i, each in enumerate(mechanism.contacts)}
     return dict(sorted(found.items(), key=lambda item: -len(item[0])))
 
 

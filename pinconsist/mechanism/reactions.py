@@ -379,7 +379,7 @@ def _distributed(states: States, compliance):
             continue
         wrenches = _on_loops(rows, data, lam[i]) | {member: wrench[i] for member, wrench in carried.items()}
         more, undetermined = relaxed(here, wrenches, given)
-        lam[i] += here.multipliers @ more
+        lam[i, : rows.nc] += here.multipliers @ more
         if i in stress and undetermined.size:
             left[i] = here.through(undetermined)
     return left, lam
@@ -387,7 +387,7 @@ def _distributed(states: States, compliance):
 
 def _on_loops(rows, data, lam):
     """The wrenches of the loops, after ``pin.computeJointJacobians`` on `data`."""
-    found, *_ = wrenches_of(rows, data, lam[:, None])
+    found, *_ = wrenches_of(rows, data, lam[: rows.nc, None])
     return {member: wrench[:, 0] for member, wrench in found.items() if member[0] == LOOP}
 
 

@@ -241,7 +241,7 @@ class MechanismSystem(Index3System):
     def n_multipliers(self):
         return self.rows.nc
 
-    def full_multipliers(self, q, lam, complete=None):
+    def full_multipliers(self, q, lam, complete=None, v=None):
         """λ of all rows, shape (nc,): the vector of smallest norm with the same joint forces Jᵀλ; also for many states.
 
         Rows whose J depends on time keep their λ.

@@ -61,6 +61,8 @@ class Transmission:
         self.turns = np.empty((n, self.model.njoints, 3, 3))
         self._move(q, v, a, workspace.data)
         self._loads = [*self._of_loops(mechanism, t, q, lam, workspace), *_of_forces(mechanism, t, q, v)]
+        if lam.shape[1] > mechanism.nc:
+            self._loads += self._of_contacts(mechanism, lam[:, mechanism.nc :])
 
     def wrench(self, joint: int) -> np.ndarray:
         """[force, moment] on the child of a joint from its parent, at the joint, (n, 6), in world axes."""
@@ -109,6 +111,22 @@ class Transmission:
                 self._inertial[i, joint] = data.f[joint].vector
                 self.places[i, joint] = pose.translation
                 self.turns[i, joint] = pose.rotation
+
+    def _of_contacts(self, mechanism, lam) -> list[Load]:
+        loads, first = [], 0
+        for element in mechanism.contact_elements:
+            own, first = lam[:, first : first + element.size], first + element.size
+            if not element.of_joint:
+                joint1, place1, joint2, place2 = element.ends
+                x1, x2 = (self._at(*end) for end in ((joint1, place1), (joint2, place2)))
+                force = element.force(own, x1, x2, self.turns[:, joint1])
+                none = np.zeros_like(force)
+                loads += [Load("", joint2, x2, force, none), Load("", joint1, x2, -force, none)]
+        return loads
+
+    def _at(self, joint, place):
+        """A point of a body, (n, 3), in world axes."""
+        return self.places[:, joint] + self.turns[:, joint] @ place[:3, 3]
 
     def _of_loops(self, mechanism, t, q, lam, workspace):
         rows, loads = LoopRows.of(mechanism), []

@@ -19,6 +19,7 @@ from ..mechanism.names import velocity_names, velocity_units
 from ..mechanism.pulses import brief_times
 from ..mechanism.rows import Workspace
 from ..mechanism.system import MechanismSystem
+from .contact_results import ContactHistory, EquationsInModes, measured_in_modes
 from .control import ErrorControl
 from .integrate import integrate
 from .options import Options, looking
@@ -113,6 +114,7 @@ class FinerRun:
     v: np.ndarray
     lam: np.ndarray
     apart: np.ndarray
+    contacts: Any = None  # its ContactHistory
 
 
 def finer_run(solution, mechanism=None, patience=np.inf) -> FinerRun:
@@ -141,9 +143,11 @@ def finer_run(solution, mechanism=None, patience=np.inf) -> FinerRun:
     asked = _with(np.linspace(t[0], t[-1], _steps(method.name) + 1), np.sort(np.concatenate((t, middles))))
     asked = _with(brief, asked) if len(brief) else asked
     asked = asked if t[-1] >= t[0] else asked[::-1]
-    (q, v, lam), times = _finer(system, method, asked, exact, start, solution._events, patience)
+    run = _finer(system, method, asked, exact, start, solution._events, patience)
+    times = [np.array([row[0] for row in found]) for found in run.events]
     at = np.searchsorted(asked, t) if t[-1] >= t[0] else len(asked) - 1 - np.searchsorted(asked[::-1], t)
-    return FinerRun(system, rows, at, asked, q, v, lam, _apart(ours, times, t))
+    contacts = ContactHistory.of(run)
+    return FinerRun(system, rows, at, asked, run.p, run.v, run.lam, _apart(ours, times, t), contacts)
 
 
 def global_error(solution, finer: FinerRun) -> GlobalError:
@@ -153,10 +157,13 @@ def global_error(solution, finer: FinerRun) -> GlobalError:
     other = finer.q[finer.at], finer.v[finer.at], finer.lam[finer.at]
     error_q = np.abs([system.difference(a, b) for a, b in zip(q, other[0], strict=True)])
     error_v = np.abs(v - other[1])
-    ours = loop_forces(system, t, q, v, lam)
+    contacts = solution.contacts
+    ours = loop_forces(system, t, q, v, lam, contacts)
     # multipliers between the steps of the finer run are those of its polynomials, which nothing controls
     sides = sided(solution.t, system.jumps_at(solution.t[-1], solution.q[-1], solution.v[-1]))[rows]
-    error_force = np.abs(ours - exact_forces(system, (sides, *other)))
+    error_force = np.abs(ours - exact_forces(system, (sides, *other), finer.contacts))
+    if contacts is not None:  # where a contact has closed in one run and not yet in the other
+        error_force[[contacts.at(time) != finer.contacts.at(time) for time in t]] = 0.0
     for error in (error_q, error_v, error_force):
         error[finer.apart] = 0.0
     others = largest(system.evaluate(t[0], q[0], v[0], np.zeros(system.nv))[0])
@@ -219,7 +226,7 @@ def _with(even, needed):
 
 
 def _finer(system, method, asked, exact, start, events, patience):
-    """(p, v, λ) at the times, and the times of the events; NotEstimatedError if the run does not reach the end."""
+    """The trajectory with rows at these times; NotEstimatedError if the run does not reach the end."""
     due = time.thread_time() + patience  # of the processor: a verdict must not depend on the load
 
     def late():
@@ -235,7 +242,7 @@ def _finer(system, method, asked, exact, start, events, patience):
     if len(run.t) < len(asked):
         ended = f"a finer run takes more than {patience:g} s of processor time; check(error=True) waits for it"
         raise NotEstimatedError(ended if late() else f"a finer run ended early: {run.message}")
-    return (run.p, run.v, run.lam), [np.array([row[0] for row in found]) for found in run.events]
+    return run
 
 
 def _apart(ours, theirs, t):
@@ -279,9 +286,9 @@ def _in_tolerances(about, system, q, v, error_q, error_v):
     return max(largest(error / limit) for error, limit in zip((error_q, error_v), allowed, strict=True))
 
 
-def exact_forces(system, states):
+def exact_forces(system, states, contacts=None):
     """Jᵀλ (G λ) of the differential equation at rows `states`, (t, q, v, λ)."""
-    return measured(system, states, _workspace(system))[3]
+    return measured(system, states, _workspace(system), contacts)[3]
 
 
 def _workspace(system):
@@ -302,12 +309,14 @@ def work_of(finer: FinerRun) -> tuple[np.ndarray, np.ndarray]:
     return work[finer.at], work[::2] - fewer
 
 
-def measured(system, states, workspace):
+def measured(system, states, workspace, contacts=None):
     """Φ, the hidden residual, Jᵀλ (G λ) and that of the differential equation at rows `states`, (t, q, v, λ).
 
     After these come the energies as :func:`~pinconsist.mechanism.energy.measure` returns them, or None, and the largest
-    of the other acting forces.
+    of the other acting forces. `contacts` is the ContactHistory of a run with contacts.
     """
+    if contacts is not None:
+        return measured_in_modes(system.mechanism, contacts, states)
     if workspace is not None and (found := _compiled(system, states, workspace)) is not None:
         return found
     rows, acting = [], 0.0  # also used if the equations have no solution: the error says why
@@ -375,17 +384,25 @@ class Equations:
         return self._index1
 
 
+def equations_of(mechanism, solution):
+    """The equations of motion along a solution, with ``at(t, q)``: :class:`Equations`, or those in modes."""
+    contacts = solution.contacts
+    return Equations(mechanism, solution) if contacts is None else EquationsInModes(mechanism, contacts)
+
+
 def accelerations(mechanism, solution, t, q, v):
     """Accelerations of the equations of motion at several states of a solution, shape (n, nv)."""
-    found, equations = np.empty(v.shape), Equations(mechanism, solution)
+    found, equations = np.empty(v.shape), equations_of(mechanism, solution)
     for row, *state in zip(found, t, q, v, strict=True):
         row[:] = equations.at(*state[:2]).acceleration(*state)[0]
     return found
 
 
-def loop_forces(system, t, q, v, lam):
-    """Jᵀλ (G λ) at each row."""
+def loop_forces(system, t, q, v, lam, contacts=None):
+    """Jᵀλ (G λ) at each row, contacts included."""
     states = t, q, v, lam
+    if contacts is not None:
+        return measured_in_modes(system.mechanism, contacts, states)[2]
     if not isinstance(system, MechanismSystem):
         return np.array([system.evaluate(t, p, v, 0.0 * v)[2] @ lam for t, p, v, lam in zip(*states, strict=True)])
     if (compiled := blank_system(system.model, system.data)) is not None:

@@ -16,6 +16,7 @@ from ..mechanism.reactions import States, listed, not_determined, shared_loads, 
 from ..mechanism.rows import Workspace
 from ..mechanism.system import MechanismSystem
 from .accuracy import OFF, GlobalError, accelerations, figure, global_error, measured, work_of
+from .contact_results import row_units
 
 OPEN = 1e-8  # m or rad, and m/s or rad/s: a loop with a larger gap is open
 UNCLEAR = 0.1 * OFF  # an energy balance that is off by more may be so because rows are few
@@ -298,7 +299,7 @@ def _not_finite(solution) -> str:
 def _shared(solution, mechanism, system, workspace) -> dict[str, tuple[str, ...]]:
     """What :attr:`Certificate.not_unique` is."""
     t, q, v, lam = solution.t, solution.q, solution.v, solution.lam
-    if system.nc == system.rows.nc:
+    if getattr(system, "base", system).nc == system.rows.nc:
         return {}
 
     def motion(rows):
@@ -317,7 +318,7 @@ def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
 
     `finer` is a :class:`~pinconsist.run.accuracy.FinerRun`, or None, and `missing` why.
     """
-    system = solution.system
+    system = getattr(solution.system, "base", solution.system)  # without contacts
     if unknown := _not_finite(solution):
         return Certificate(*(np.nan, unknown, np.nan, np.nan, np.nan, None, None), not_finite=unknown)
     if mechanism is not None:
@@ -328,7 +329,9 @@ def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
     made = 1 + np.flatnonzero(solution.order > 0)  # by the method's own steps; with t_eval all rows count
     compared = made if len(made) else slice(None)
     t, q, v = solution.t, solution.q, solution.v
-    phi, rho, forces, exact, found, acting = measured(system, (_sides(system, t, q, v), q, v, solution.lam), workspace)
+    phi, rho, forces, exact, found, acting = measured(
+        system, (_sides(system, t, q, v), q, v, solution.lam), workspace, solution.contacts
+    )
     phi, exact = np.abs(phi), exact[compared]
     error = np.abs(forces[compared] - exact)
     position, where, units, scale = 0.0, "", ("", ""), max(largest(exact), acting) or 1.0
@@ -338,11 +341,12 @@ def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
         if mechanism is None:
             label = system.describe_row(row)
         else:
-            if position > OPEN:  # the compiled rows are valid near closed loops only
+            if position > OPEN and row < mechanism.nc:  # the compiled rows are valid near closed loops only
                 row = np.argmax(gaps := np.abs(system.loop_rows(solution.q[i], solution.t[i])[0]))
                 position = float(gaps[row])
-            label = "loop {!r} row {}".format(*mechanism.row_labels[row])
-            of_rows = system.rows.units
+            what = "loop" if row < mechanism.nc else "contact"
+            label = f"{what} {{!r}} row {{}}".format(*mechanism.row_labels[row])
+            of_rows = row_units(mechanism)
             units = of_rows[row], of_rows[np.argmax(np.abs(rho)) % rho.shape[1]]
         where = f"{label} at t = {solution.t[i]:.6g} s"
     energy = None if mechanism is None else energy_of(solution, mechanism, workspace, system, found)

@@ -23,6 +23,7 @@ from ..formats.records import force_entries, force_record
 from ..mechanism.checks import finite_array, near
 from ..mechanism.description import digests
 from ..mechanism.mechanism import with_added_forces
+from .contact_results import ContactHistory
 from .interrupts import deferred
 from .options import positive_time, span_of
 from .simulation import integrate, simulate
@@ -195,10 +196,12 @@ class _Parts:
         control = recipe.options.get("control")
         self.recipe, self.mechanism = recipe, mechanism if control is None else mechanism.with_control(control)
         self.callback = None if callback is None else _Callback(callback)
+        self.contacts: list[tuple] = []
         self.parts, self.counted, self.rejected, self.last, self.ends = [], Counter(), Counter(), None, recipe.ends()
         if at := recipe.checkpoint:
             rows, steps = at["rows"], min(len(begun.h), max(at["rows"] - 1, 0))
             self.parts = [{n: getattr(begun, n)[:rows] for n in ROWS} | {n: getattr(begun, n)[:steps] for n in STEPS}]
+            self.contacts = [(begun.contacts, at["t"])]
             self.last, self.counted, self.rejected = begun, Counter(at["counted"]), Counter(at["rejected"])
             self.ends = self.ends[self.ends.index(at["t"]) + 1 :]
 
@@ -230,6 +233,7 @@ class _Parts:
         elif end not in asked and last and run.t[-1] == end:  # a row to continue from, which was not requested
             last -= 1
         self.parts.append({n: getattr(run, n)[first:last] for n in ROWS} | {n: getattr(run, n) for n in STEPS})
+        self.contacts.append((run.contacts, end))
         self.counted.update({name: getattr(run, name) for name in COUNTERS})
         self.rejected.update(run.rejected)
         status, message, t_end = run.status, run.message, self.recipe.t_span[1]
@@ -272,7 +276,7 @@ class _Parts:
         status = 1 if self.last.status == 0 and self.recipe.checkpoint is not None else self.last.status
         return replace(
             self.last, **arrays, **self.counted, rejected=dict(self.rejected), status=status, success=status >= 0,
-            recipe=self.recipe.plain(), versions={},
+            recipe=self.recipe.plain(), versions={}, contacts=ContactHistory.joined(self.contacts),
         )  # fmt: skip
 
 

@@ -243,4 +243,4 @@ class DenseOutput:
     def _finished(curve, times):
         """Rows with the multipliers as the user sees them, from the constraint rows kept in these steps."""
         p, v, lam = curve(times)
-        return p, v, curve.system.full_multipliers(p, lam)
+        return p, v, curve.system.full_multipliers(p, lam, v=v)

@@ -22,6 +22,8 @@ AT_ONCE = 30  # number of occurrences at one time after which it does
 SAME_TIME = 1e-13  # relative: events closer than this are simultaneous
 STOPPED = 1e-9  # rate of a function after an event, relative to that before, that counts as zero
 TOUCHING = 1e-9  # rad or m: gap of an impact that counts as closed
+SOONER = 8  # times that a gap is sought that has closed before the first event
+DEEP = 1e-11  # rad or m: a gap below it at the first event has closed before
 STILL = 1e-9  # change of velocities by a projection, relative to them and 1 rad/s or m/s, that is no jump
 SET, SMALL = 1e-2, 1e-3  # change of a velocity that was set, relative to it and to the largest, that is told
 
@@ -184,8 +186,21 @@ class Change(NamedTuple):
     altered: bool
 
 
+class ContactEvent(NamedTuple):
+    """The end of a mode of contacts: the index of the element, and what has fallen to zero."""
+
+    element: int | None
+    what: str
+    direction: float = -1.0
+    terminal: bool = False
+    apply: None = None
+    name: str = ""
+
+
 class EventWatch:
     """Finds the events of each step of a stepper, in order of time.
+
+    `modes` are the :class:`~pinconsist.run.modes.Modes` of a run with contacts, whose ends are events too.
 
     Attributes
     ----------
@@ -197,23 +212,44 @@ class EventWatch:
         The signs in each step, of the stepper's own type; None if there are no events.
     """
 
-    def __init__(self, events, stepper, interrupted):
+    def __init__(self, events, stepper, interrupted, modes=None):
         self.events, self.found, self.signs, self._told = events, [[] for _ in events], None, set()
         self.changes: list[Change] = []
         self._last_change: dict[int, float] = {}  # largest change of v by the last occurrence of an event
         self._may_read, self._flights = [reads_multipliers(event.function) for event in events], {}
-        if events:
-            multipliers = any(self._may_read)
-            self._made_of = events, multipliers, interrupted, stepper.full_multipliers
+        self.modes, self._interrupted, self._every = modes, interrupted, tuple(events)
+        self._made_of: tuple = ()
+        if events and modes is None:
+            self._made_of = events, any(self._may_read), interrupted, stepper.full_multipliers
             self.signs = stepper.signs(*self._made_of)
+
+    def enter_mode(self, stepper) -> None:
+        """Watch for the end of the present mode of contacts."""
+        watched, ends = self.modes.watch()
+        asked = tuple(Event(self.modes.margin, name="contacts") for _ in range(self.modes.system.redundant))
+        multipliers = any(self._may_read) or any(what in ("push", "cone") for _, what in ends)
+        self._made_of = (*self.events, *asked), multipliers, self._interrupted, stepper.full_multipliers, watched
+        self._every = (*self.events, *(ContactEvent(None, "agree") for _ in asked), *(ContactEvent(*of) for of in ends))
+        self.signs = stepper.signs(*self._made_of)
+
+    def ended(self, fired) -> list:
+        """What has ended the mode of contacts among events with these indices: pairs (element, what fell to zero)."""
+        return [self._every[i][:2] for i in fired if i >= len(self.events)]
+
+    def _contacts_leaving(self, leaving) -> None:
+        """Functions of contacts are positive in their mode: what is about zero at its beginning rises from there."""
+        for i in range(len(self.events), len(self._every)):
+            if self.signs.values[i] <= TOUCHING:
+                leaving[i] = TOUCHING
 
     def restart(self, t, p, v, lam) -> None:
         """Take the signs at a new start; InputError if what cannot become negative is negative."""
-        if not self.events:
+        if self.signs is None:
             return
         self.signs.restart(t, p, v, lam, (), ())
-        touching = {}
-        for i, (event, value) in enumerate(zip(self.events, self.signs.values, strict=True)):
+        touching: dict[int, float] = {}
+        self._contacts_leaving(touching)
+        for i, (event, value) in enumerate(zip(self.events, self.signs.values, strict=False)):
             if one_sided(event) and value < -TOUCHING:
                 raise InputError(f"the impact {event.name!r}: the run starts {-value:.3g} beyond its stop or plane")
             if one_sided(event) and value <= TOUCHING:
@@ -230,7 +266,8 @@ class EventWatch:
         """
         leaving, reversed_ = {}, []
         self.signs.restart(t, p, v, known[1], (), ())
-        for i, (event, value) in enumerate(zip(self.events, self.signs.values, strict=True)):
+        self._contacts_leaving(leaving)
+        for i, (event, value) in enumerate(zip(self.events, self.signs.values, strict=False)):
             if one_sided(event):
                 if i in fired or value <= TOUCHING:
                     leaving[i] = TOUCHING
@@ -249,7 +286,7 @@ class EventWatch:
 
     def _leave(self, leaving, t, p, v, lam):
         """Restart with the signs of functions that leave zero, by their indices."""
-        values, offsets = [math.nan] * len(self.events), [0.0] * len(self.events)
+        values, offsets = [math.nan] * len(self._every), [0.0] * len(self._every)
         for i, sign in leaving.items():
             here = self.signs.values[i]
             values[i] = sign
@@ -294,12 +331,21 @@ class EventWatch:
 
     def jumped(self, t, p, v, lam):
         """Take the signs after a jump of forces, which may move a function past zero; returns as :meth:`first`."""
-        if not self.events:
+        if self.signs is None:
             return None
         before = list(self.signs.values)
         self.signs.restart(t, p, v, lam, (), ())
-        passed = zip(self.events, before, self.signs.values, strict=True)
+        passed = zip(self._every, before, self.signs.values, strict=True)
         return self._happen([(t, i, (p, v, lam)) for i, each in enumerate(passed) if _passes(*each)])
+
+    def of_multipliers(self, t, p, v, lam) -> dict[int, float]:
+        """The values of the users' functions that may use λ, which jumps where modes of contacts change."""
+        return {i: self.signs.value(i, t, p, v, lam) for i, reads in enumerate(self._may_read) if reads}
+
+    def passed(self, before, fired, t, p, v, lam):
+        """Record the events whose functions have passed zero by a jump of λ; returns as :meth:`first`."""
+        after = {i: self.signs.value(i, t, p, v, lam) for i in before if i not in fired}
+        return self._happen([(t, i, (p, v, lam)) for i in after if _passes(self.events[i], before[i], after[i])])
 
     def first(self, stepper):
         """Record the events of the last step, or of a start, in order of time, up to the first that changes the run.
@@ -334,11 +380,33 @@ class EventWatch:
         """(t, index, (p, v, λ)) of events between the last two evaluations, in order of time."""
         signs, hits = self.signs, []
         begin, signs.changed = signs.begin, False
-        for i, (event, g0, g1) in enumerate(zip(self.events, signs.before, signs.values, strict=True)):
+        for i, (event, g0, g1) in enumerate(zip(self._every, signs.before, signs.values, strict=True)):
             if _passes(event, g0, g1):
                 t, state = stepper.locate(signs, i)
                 hits.append((t, i, state))
-        return sorted(hits, key=lambda hit: (abs(hit[0] - begin), hit[1]))
+        hits.sort(key=lambda hit: (abs(hit[0] - begin), hit[1]))
+        return self._with_sooner(stepper, hits) if hits and self.modes is not None else hits
+
+    def _with_sooner(self, stepper, hits):
+        """The hits, and gaps that have closed before the first of them, as a shorter step than the last one shows."""
+        signs = self.signs
+        for _ in range(SOONER):
+            t, first, (p, v, lam) = hits[0]
+            closed = [
+                i
+                for i, event in enumerate(self._every)
+                if i != first
+                and isinstance(event, ContactEvent)
+                and event.what == "gap"
+                and signs.before[i] > 0.0
+                and signs.value(i, t, p, v, lam) < -DEEP
+            ]
+            found = [(i, stepper.sooner(signs, i, t)) for i in closed]
+            sooner = [(hit[0], i, hit[1]) for i, hit in found if hit is not None and hit[0] < t]
+            if not sooner:
+                break
+            hits = [min(sooner, key=lambda hit: hit[0]), *hits]
+        return hits
 
     def _happen(self, hits):
         """Record `hits` up to the first that changes the run."""
@@ -346,7 +414,10 @@ class EventWatch:
         for t, i, state in hits:
             if stop is not None and not _at_once(t, stop[0]):
                 break
-            event = self.events[i]
+            event = self._every[i]
+            if isinstance(event, ContactEvent):
+                stop = stop or (t, state)
+                continue
             self.found[i].append((t, *state[:2]))
             enough = bool(event.terminal) and len(self.found[i]) >= int(event.terminal)
             if enough or event.apply is not None:

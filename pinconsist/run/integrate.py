@@ -12,12 +12,16 @@ from ..engine.failure import FAILURES, failure_report, jumping
 from ..engine.norms import largest
 from ..engine.problem import Index3System
 from ..engine.rounding import Pace
-from ..errors import PinconsistError, UserFunctionError
+from ..errors import InputError, PinconsistError, UserFunctionError
+from ..mechanism.mode_system import ModeSystem
 from .control import ErrorControl, FixedStep, Switches
 from .dense import DenseOutput, StepBatch
 from .events import STILL, EventWatch, state_after
+from .modes import Modes
 from .output import FAILED, STOPPED, SUCCESS, Output, Record, Stop
 
+BEYOND = 1e-6  # of a step, after which the modes of redundant rows are decided
+RESTS = 1e-6  # relative speed after an impact below which contacts rest, with fixed steps
 CLOSED = 1e-6  # gap of a constraint, relative to positions and 1 rad or m, that is no jump
 
 
@@ -70,6 +74,8 @@ class Trajectory:
     dense: DenseOutput | None = None
     events: list = field(default_factory=list)  # occurrences (t, p, v) of each event
     changes: list = field(default_factory=list)  # of the state by events
+    periods: list = field(default_factory=list)  # of the modes of contacts, see run/modes.py
+    impacts: list = field(default_factory=list)
     opened: tuple | None = None  # where a constraint that was left out is violated, see Index3System.opened
 
 
@@ -105,11 +111,14 @@ def integrate(
     interrupted = interrupted or (lambda: False)
     with closing(stepper):
         record = Record(output, t_span, stepper.full_multipliers, interrupted)
-        watch = EventWatch(output.events, stepper, interrupted)
+        modes = modes_of(system, method, t_span)
+        watch = EventWatch(output.events, stepper, interrupted, modes)
         status, message = SUCCESS, "the end of the interval was reached"
         try:
             stepper.system.look_ahead(*t_span, p0, v0, method.step is None)
             stepper.system.start(t_span[0], p0, v0, t_span[1] < t_span[0])
+            if modes is not None:
+                p0, v0 = start_in_modes(stepper, watch, t_span[0], p0, v0)
             lam0 = stepper.index1.acceleration(t_span[0], p0, v0)[1]
             record.first(t_span[0], p0, v0, lam0)
             watch.restart(t_span[0], p0, v0, lam0)
@@ -128,14 +137,43 @@ def integrate(
 
 def trajectory_of(stepper, method, record, watch, t_span, status, message) -> Trajectory:
     """The trajectory that was recorded so far."""
-    rows, newton = record.arrays(stepper.system), stepper.newton
+    rows, newton, modes = record.arrays(stepper.system), stepper.newton, watch.modes
     h, order = record.steps(rows[0])
     return Trajectory(
         *rows, system=stepper.system, status=status, message=message, nsteps=record.nsteps,
         nfev=newton.nfev, njev=newton.njev, nlu=newton.nlu, rejected=dict(method.control.reasons),
         dense=record.dense(), events=watch.until(record.reached, t_span[1] >= t_span[0]),
         h=h, order=order, changes=list(watch.changes), opened=stepper.opened(rows[0], rows[1]),
+        periods=list(modes.periods) if modes else [], impacts=list(modes.impacts) if modes else [],
     )  # fmt: skip
+
+
+def modes_of(system, method, t_span):
+    """The modes of the contacts of a system; None if it has none, or is in a mode that stays.
+
+    Raises InputError where contacts are not supported.
+    """
+    contacts = getattr(getattr(system, "mechanism", None), "contacts", ())
+    if not contacts or isinstance(system, ModeSystem):
+        return None
+    names = ", ".join(repr(each.name) for each in contacts[:4])
+    if method.name != "Radau":
+        raise InputError(
+            f"BDF cannot run a mechanism with contacts ({names}), because it needs a history at every impact: leave "
+            "out method=, or take method='Radau'"
+        )
+    if t_span[1] < t_span[0]:
+        raise InputError(f"a mechanism with contacts ({names}) cannot run backwards in time: impacts cannot be undone")
+    rtol, atol = method.control.wanted if isinstance(method.control, ErrorControl) else (RESTS, 0.0)
+    return Modes(system, float(np.min(rtol)), float(np.min(atol)))
+
+
+def start_in_modes(stepper, watch, t, p, v):
+    """Choose the modes of contacts at the start; returns position and velocity, which an impact may change."""
+    p, v = watch.modes.begin(t, p, v)
+    stepper.change_system(watch.modes.system)
+    watch.enter_mode(stepper)
+    return stepper.index1.projected(t, p, v)
 
 
 def _ending(error, t):
@@ -181,7 +219,7 @@ class March:
         self._with_curve = record.needs_curve
         self._pace = Pace(method.control, self.t, record.nsteps)
         # Whether the engine goes on by itself where forces jump.
-        self._passes = bool(not watch.events and stepper.system.changes and stepper.passes_changes(self._with_curve))
+        self._passes = bool(watch.signs is None and stepper.system.changes and stepper.passes_changes(self._with_curve))
         # Called with each step before the next one is made, if a user's function might change the next one.
         sees = record.output.each_step and not (stepper.ahead and not self._passes)
         self._sees = record.sees if sees else None
@@ -280,7 +318,13 @@ class March:
         if fresh is None:
             return False
         self.record.complete_multipliers()  # by the rows that were kept until here
-        self.stepper.change_system(fresh)
+        if self.watch.modes is None:
+            self.stepper.change_system(fresh)
+            return True
+        self.stepper.change_system(self.watch.modes.rebased(self.stepper.t, fresh.base))
+        self.watch.enter_mode(self.stepper)
+        t, p, v = self.stepper.t, self.stepper.p, self.stepper.v
+        self.watch.restart(t, p, v, self.stepper.index1.acceleration(t, p, v)[1])
         return True
 
     def _stop_without_progress(self) -> None:
@@ -320,8 +364,11 @@ class March:
     def _after_events(self, fired, t, state, final) -> Start:
         """The start after events; Stop if one ends the run."""
         stepper, record, watch = self.stepper, self.record, self.watch
-        (p, v, _), events = state, [watch.events[i] for i in fired]
+        (p, v, lam), ended = state, watch.ended(fired)
+        fired = [i for i in fired if i < len(watch.events)]
+        events = [watch.events[i] for i in fired]
         self.t = t
+        before = watch.of_multipliers(t, p, v, lam) if watch.modes is not None else {}
         if final:
             names = " and ".join(event.name or "without a name" for event in events if event.terminal)
             raise Stop(STOPPED, f"stopped by the event {names} at t = {t:.6g}")
@@ -333,8 +380,25 @@ class March:
                 p, v = after.p, after.v
                 moved |= after.moved
         stepper.system.change(t, p, v)
+        if watch.modes is not None:
+            p, v = self._other_modes(t, p, v, ended)
         known = stepper.index1.acceleration(t, p, v)
         record.jump(t, p, v, known[1])
         if why := watch.restart_after(fired, moved, stepper.system, t, p, v, known, record.forward):
             raise Stop(FAILED, why)
+        if (hit := watch.passed(before, fired, t, p, v, known[1])) is not None:
+            return self._after_events(*hit)
         return Start(p, v, known)
+
+    def _other_modes(self, t, p, v, ended):
+        """Position and velocity after a change of the modes of contacts."""
+        stepper, modes, beyond = self.stepper, self.watch.modes, None
+        if ended and ended[0][0] is None:  # redundant rows, whose modes are those a little later
+            a, later = stepper.index1.acceleration(t, p, v)[0], BEYOND * abs(stepper.h)
+            beyond = t + later, stepper.system.integrate(p, later * v), v + later * a
+        p, v = modes.change(t, p, v, ended, beyond)
+        if modes.system is not stepper.system:
+            self.record.complete_multipliers()
+            stepper.change_system(modes.system)
+        self.watch.enter_mode(stepper)
+        return stepper.index1.projected(t, p, v)

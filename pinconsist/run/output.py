@@ -56,8 +56,8 @@ class Stop(Exception):
 class Record:
     """Keeps what was requested, in the order of the run.
 
-    ``finish(p, lam)`` returns the multipliers as the user sees them, of one row or a stack of rows; ``interrupted()``
-    says after each call of the callback whether to end the run.
+    ``finish(p, lam, v)`` returns the multipliers as the user sees them, of one row or a stack of rows;
+    ``interrupted()`` says after each call of the callback whether to end the run.
     """
 
     def __init__(self, output: Output, t_span, finish, interrupted):
@@ -100,7 +100,7 @@ class Record:
     def last(self):
         """t, p, v and λ of the last row."""
         rows = [each[-1] for each in (self._blocks or self._finished)[-1]]
-        lam = self._finish(rows[1], rows[3]) if self._blocks else rows[3]
+        lam = self._finish(rows[1], rows[3], rows[2]) if self._blocks else rows[3]
         return float(rows[0]), rows[1], rows[2], lam
 
     def add(self, batch: StepBatch) -> None:
@@ -159,7 +159,7 @@ class Record:
         """Complete the multipliers recorded so far, by the constraint rows that were kept for them."""
         if self._blocks:
             t, p, v, lam = map(np.concatenate, zip(*self._blocks, strict=True))
-            self._finished.append((t, p, v, self._finish(p, lam)))
+            self._finished.append((t, p, v, self._finish(p, lam, v)))
             self._blocks = []
 
     def arrays(self, system):
@@ -191,7 +191,7 @@ class Record:
 
     def sees(self, t, p, v, lam, order) -> bool:
         """Call the user's callback with a step before its batch is added; returns whether it ends the run."""
-        row = p, v, self._finish(p, lam)
+        row = p, v, self._finish(p, lam, v)
         for each in row:
             each.setflags(write=False)
         self._called, self._ended = self._called + 1, self._called_back((t, *row), order if self._ordered else None)
@@ -202,7 +202,7 @@ class Record:
         seen, ended, (p, v, lam) = self._called, self._ended, states
         self._called, self._ended = 0, None
         if ended is None and seen < len(times):
-            left = (read_only(each[seen:]) for each in (p, v, self._finish(p, lam)))
+            left = (read_only(each[seen:]) for each in (p, v, self._finish(p, lam, v)))
             rows = zip(times[seen:].tolist(), *left, strict=True)
             orders = repeat(None) if orders is None or not self._ordered else orders[seen:]
             for row, order in zip(rows, orders, strict=False):

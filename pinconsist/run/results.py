@@ -25,6 +25,7 @@ from ..mechanism.peaks import HasPeaks
 from ..mechanism.reactions import Reaction, States, shared_rows
 from ..mechanism.rows import LoopRows, Workspace
 from .accuracy import accelerations
+from .contact_results import ContactHistory, ContactImpact, ContactMode, ContactMotion, contact_motion, row_units
 from .states import states_at
 
 
@@ -140,6 +141,7 @@ class ByName:
     _workspace: Callable[..., Workspace]
     _require_forces: Callable[..., None]
     _states: Callable[..., States]
+    contacts: ContactHistory | None
 
     def position(self, joint: str, mechanism=None) -> np.ndarray:
         """The position of a joint, rad or m, shape (n,); (n, k) for a joint of several numbers, as `q` stores them.
@@ -207,6 +209,24 @@ class ByName:
         label = self._label(mechanism, name)
         joint, found = name if label is None else joint_of(mechanism, label), self._acting(mechanism, label)
         return found if joint is None else _of(mechanism, joint, found)
+
+    @property
+    def modes(self) -> list[ContactMode]:
+        """What each contact did, and from when to when, in order of time; empty without contacts."""
+        return self.contacts.modes(float(self.t[-1])) if self.contacts else []
+
+    @property
+    def impacts(self) -> tuple[ContactImpact, ...]:
+        """The impacts of contacts, in order of time."""
+        return self.contacts.impacts if self.contacts else ()
+
+    def contact(self, name: str, mechanism=None) -> ContactMotion:
+        """Gap, force, slip and mode of a contact at the rows, see :class:`ContactMotion`.
+
+        `name` is that of its record, or of one stop, ``"knee upper"``; `mechanism` is as in :meth:`check`. Raises
+        InputError for other names.
+        """
+        return contact_motion(self, self._mechanism(mechanism, "contact"), checked_name(name, "contact(): the contact"))
 
     def force(self, name: str, mechanism=None) -> ElementForce:
         """The force of an element, such as a spring: with its length and speed, see :class:`ElementForce`.
@@ -327,7 +347,7 @@ class ByName:
         names += [f"{part}.{name}" for part in "va" for name in velocity_names(model)]
         units = velocity_units(model)
         units = ["s", *position_units(model), *(f"{u}/s" for u in units), *(f"{u}/s²" for u in units)]
-        units += LoopRows.of(mechanism).multiplier_units
+        units += [{"rad": "N·m", "m": "N"}.get(unit, "") for unit in row_units(mechanism)]
         of_rows = [f"lam.{loop}.{row}" for loop, row in rows]
         names, shared = names + of_rows, [of_rows[i] for i in shared_rows(self._states(mechanism, "to_csv"))]
         for name in several(forces):

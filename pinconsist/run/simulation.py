@@ -178,7 +178,8 @@ def integrate(
 
 
 def _integrated(system, span, p0, v0, options, output) -> Solution:
-    chosen = options.for_span(span, system.nv - system.nc)
+    contacts = getattr(getattr(system, "mechanism", None), "contacts", ())
+    chosen = options.for_span(span, 0 if contacts else system.nv - system.nc)  # Radau for contacts
     warn_of_differences(system, chosen)
     chosen = looking(chosen, system, span)
     with deferred(late=False) as interrupted:

@@ -21,6 +21,7 @@ from ..mechanism.reactions import JointForce, Reaction, States, joint_force, rea
 from ..mechanism.rows import Workspace
 from .accuracy import PATIENCE, GlobalError, NotEstimatedError, accelerations, finer_run
 from .certificate import Certificate, certify
+from .contact_results import ContactHistory
 from .quantities import Quantity, Series
 from .results import ByName
 from .solution_file import read, skipped_work, summary_of, write
@@ -39,7 +40,8 @@ class Solution(ByName):
     t : ndarray, shape (n,)
         Times, s.
     q, v, lam : ndarray, shapes (n, nq), (n, nv), (n, nc)
-        Configurations, velocities, multipliers; with redundant rows, the multipliers of smallest norm. Signs, frames
+        Configurations, velocities, multipliers; with redundant rows, the multipliers of smallest norm; after
+        those of the loops come those of the contacts, 0 where they are open. Signs, frames
         and units: :mod:`pinconsist.mechanism.loops`. Without ``t_eval`` every accepted step has its row:
         ``lam[0]`` belongs to the start and is the multiplier of the differential equation there; ``lam[1]`` belongs
         to the first step. With variable steps, and with fixed ones of an order above 1, rows of the start
@@ -69,6 +71,8 @@ class Solution(ByName):
     held : dict of str to ndarray, shape (n, 1 + nv)
         Torques that were held, by the label of their force, see :class:`~pinconsist.Sampled`: the time since which, and
         τ. Where they jump there are two rows at one time (with ``t_eval``, the one after the jump).
+    contacts : ContactHistory or None
+        What the contacts did, see :attr:`modes`, :attr:`impacts` and :meth:`contact`.
     versions : dict
         Versions of the packages that made it, if it was read from a file.
     system
@@ -96,6 +100,7 @@ class Solution(ByName):
     recipe: dict | None = field(default=None, repr=False, compare=False)
     versions: dict = field(default_factory=dict, repr=False, compare=False)
     held: dict = field(default_factory=dict, repr=False, compare=False)
+    contacts: ContactHistory | None = field(default=None, repr=False, compare=False)
     sol: Callable | None = field(default=None, repr=False, compare=False)
     t_events: list = field(default_factory=list, repr=False, compare=False)
     q_events: list = field(default_factory=list, repr=False, compare=False)
@@ -131,7 +136,7 @@ class Solution(ByName):
         about |= {"control": control} if scene and (control := commands(scene)) else {}
         return cls(
             **values, system=system, method=method.describe() | about, scene=scene.name if scene else "",
-            success=trajectory.status >= 0, sol=trajectory.dense,
+            success=trajectory.status >= 0, sol=trajectory.dense, contacts=ContactHistory.of(trajectory),
             _events=events, _changes=tuple(trajectory.changes), **{name: getattr(trajectory, name) for name in outcome},
         )  # fmt: skip
 
@@ -530,9 +535,9 @@ def require_mechanism(solution, mechanism, who="the solution", hint=""):
     if not isinstance(mechanism, Mechanism):
         raise InputError(f"a Mechanism is needed to read the solution, got {type(mechanism).__name__}")
     sizes = solution.q.shape[1], solution.v.shape[1], solution.lam.shape[1]
-    if sizes != (mechanism.nq, mechanism.nv, mechanism.nc):
+    if sizes != (mechanism.nq, mechanism.nv, len(mechanism.row_labels)):
         raise InputError(
             f"{who} has {sizes[0]} position numbers, {sizes[1]} velocities and {sizes[2]} multipliers, mechanism "
-            f"{mechanism.name!r} has {mechanism.nq}, {mechanism.nv} and {mechanism.nc}: it is not the one that was "
-            f"simulated{hint}"
+            f"{mechanism.name!r} has {mechanism.nq}, {mechanism.nv} and {len(mechanism.row_labels)}: it is not the one "
+            f"that was simulated{hint}"
         )

@@ -12,6 +12,7 @@ from .. import __version__
 from ..errors import FormatError
 from ..files import suffixed, written_whole
 from .certificate import Certificate, from_plain, plain
+from .contact_results import ContactHistory
 
 FORMAT = 4
 ARRAYS = {"t": 1, "q": 2, "v": 2, "lam": 2, "h": 1, "order": 1}
@@ -34,6 +35,8 @@ def write(solution, file) -> Path:
     about = {name: getattr(solution, name) for name in _ABOUT} | {"format": FORMAT}
     about["versions"] = about["versions"] or versions()
     about["certificate"] = plain(solution.certificate)
+    if solution.contacts is not None:
+        about["contacts"] = solution.contacts.plain()
     with written_whole(path) as stream:
         arrays = {name: getattr(solution, name) for name in ARRAYS}
         held = {f"{HELD}{label}": table for label, table in solution.held.items()}
@@ -61,6 +64,7 @@ def read(file) -> tuple[dict, Certificate | None]:
             count = sum(name.startswith(f"{EVENTS[0]} ") for name in stored.files)
             events = {name: [_numbers(name, stored[f"{name} {k}"]) for k in range(count)] for name in EVENTS}
         certificate = from_plain(about.pop("certificate", None))
+        contacts = ContactHistory.recorded(about.pop("contacts", None))
         _check(arrays, about, held, events)
     except FormatError:
         raise
@@ -73,7 +77,7 @@ def read(file) -> tuple[dict, Certificate | None]:
         raise FormatError(f"damaged, or not a solution written by pinconsist ({reason})", path=file) from None
     for array in (*arrays.values(), *held.values(), *(each for several in events.values() for each in several)):
         array.setflags(write=False)
-    return arrays | about | events | {"held": held}, certificate
+    return arrays | about | events | {"held": held, "contacts": contacts}, certificate
 
 
 def versions() -> dict[str, str]:

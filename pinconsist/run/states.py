@@ -8,7 +8,7 @@ from ..engine.norms import largest
 from ..errors import InputError, PinconsistError, warn
 from ..mechanism.checks import finite_array
 from ..mechanism.forces.held import jump_offset
-from .accuracy import Equations
+from .accuracy import Equations, equations_of
 from .integrate import integrate
 from .options import Options
 from .output import Output
@@ -32,11 +32,11 @@ def states_at(solution, times, mechanism=None):
     between = between[np.argsort(sign * times[between], kind="stable")]
     if not len(between):
         return q, v, lam
-    equations = Equations(mechanism, solution) if mechanism is not None else Index1(solution.system)
+    equations = equations_of(mechanism, solution) if mechanism is not None else Index1(solution.system)
     for k, *near in zip(between, *_near(solution, times[between], rows[between], mechanism), strict=True):
         index1 = equations.at(times[k], near[0]) if mechanism is not None else equations
         q[k], v[k] = index1.projected(times[k], *near)
-        lam[k] = index1.system.full_multipliers(q[k], index1.acceleration(times[k], q[k], v[k])[1])
+        lam[k] = index1.system.full_multipliers(q[k], index1.acceleration(times[k], q[k], v[k])[1], v=v[k])
     return q, v, lam
 
 
@@ -75,8 +75,9 @@ class Steps:
         self._solution, self._are_steps, self._mechanism = solution, bool(len(solution.h)), mechanism
         self._interpolates = mechanism is not None and self._are_steps and solution.method.get("method") != "Radau"
         if mechanism is not None:
-            self._equations = Equations(mechanism, solution)
-            self._repeated = Equations(mechanism, solution)  # a run changes held torques
+            self._equations = equations_of(mechanism, solution)
+            again = equations_of if self._are_steps else Equations  # other rows may have changes of modes between them
+            self._repeated = again(mechanism, solution)  # a run changes held torques
 
     def inside(self, row, times):
         """q and v at times between a row and the next one."""

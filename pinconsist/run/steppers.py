@@ -13,6 +13,7 @@ from ..engine.failure import FAILURES, culprits
 from ..engine.index1 import Index1, NotFiniteError, singular_message
 from ..engine.systems import blank_system, compiled_system, with_all_rows
 from ..errors import PinconsistError, SingularSystemError
+from ..mechanism.mode_system import ModeSystem
 from .dense import StepBatch, Tables
 from .stage_curve import StageCurve
 
@@ -58,6 +59,7 @@ class Stepper(ABC):
         self.control.fit(system)
         self.newton = SimpleNamespace(nfev=0, njev=0, nlu=0)
         self.unseen: list[tuple] = []
+        self._twins: dict = {}  # modes of contacts → their compiled equations
         self.change_system(system)
 
     t = property(lambda self: self._core.t)
@@ -71,7 +73,9 @@ class Stepper(ABC):
         """Continue with another system of the same sizes, from the next :meth:`begin` on; counters are kept."""
         before = self._core
         self.system = system
-        self._compiled = compiled_system(system)
+        self._compiled = self._twins.get(system) or compiled_system(system)
+        if isinstance(system, ModeSystem):  # to which a run returns
+            self._twins[system] = self._compiled
         native = system.mechanism is not None
         self.ahead = native and not self._compiled.calls_python
         self.index1: Index1 = Index1(system, self._compiled)
@@ -114,15 +118,16 @@ class Stepper(ABC):
     def close(self) -> None:
         """Release what only a run needs."""
         self._compiled = self._core = self._all_rows = None
+        self._twins = {}
         self.index1 = Index1(self.system)
 
     @abstractmethod
     def passes_changes(self, with_curve: bool) -> bool:
         """Whether :meth:`steps` accepts ``forces``, and continues on its own at the times at which they jump."""
 
-    def full_multipliers(self, p, lam):
-        """The multipliers as the user sees them, of one row or a stack of rows."""
-        return self.system.full_multipliers(p, lam, self._all_rows and self._all_rows.complete)
+    def full_multipliers(self, p, lam, v=None):
+        """The multipliers as the user sees them, of one row or a stack of rows, which have the velocities `v`."""
+        return self.system.full_multipliers(p, lam, self._all_rows and self._all_rows.complete, v)
 
     def opened(self, times, positions):
         """The first row at which a constraint that was left out is violated, see :meth:`Index3System.opened`."""
@@ -130,9 +135,11 @@ class Stepper(ABC):
 
     def signs(self, *about):
         """The signs of events; the caller must keep their arguments alive."""
-        system, (*about, finish) = self.system, about
+        system, (events, multipliers, interrupted, finish, *contacts) = self.system, about
         places = getattr(system, "kept", np.arange(system.nc)).tolist()
-        return required().Signs(*about, None if system.dropped_are_zero else finish, places, system.n_multipliers)
+        finish = None if system.dropped_are_zero and not contacts else finish
+        given = events, multipliers, interrupted, finish, places, system.n_multipliers
+        return required().Signs(*given, contacts[0] if contacts else None)
 
     @abstractmethod
     def begin(self, t, p, v, t_end, known=None) -> list:
@@ -166,6 +173,10 @@ class Stepper(ABC):
         if found is None:
             raise SingularSystemError(singular_message(signs.end))
         return found
+
+    def sooner(self, signs, i, limit):
+        """The same of an event that a shorter step, up to the time `limit`, shows to be earlier; None if it is not."""
+        return self._core.locate(signs, i, limit)
 
     def steps(self, t_end, most, with_curve, signs=None, sees=None, forces=None) -> StepBatch:
         """Accepted steps towards `t_end`, at most `most`, with their polynomials where requested.

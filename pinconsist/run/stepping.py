@@ -22,7 +22,7 @@ from ..mechanism.rank import require_nonsingular
 from ..mechanism.system import MechanismSystem
 from .discrete import Discrete, StepLinearization
 from .events import EventWatch, as_events
-from .integrate import March, Resumption, Start, march, trajectory_of
+from .integrate import March, Resumption, Start, march, modes_of, start_in_modes, trajectory_of
 from .options import Options, positive_time, without_backend
 from .output import STOPPED, SUCCESS, Output, Record, Stop
 from .solution import Solution
@@ -159,17 +159,19 @@ class Simulation:
 
     def _stand(self, system, t, q, v, like=None):
         """Where a run will begin, with what controllers hold in the system of another run."""
-        self._method = self._options.for_span((t, t + 1.0), system.nv - system.nc)
+        contacts = self.mechanism.contacts
+        self._method = self._options.for_span((t, t + 1.0), 0 if contacts else system.nv - system.nc)
         self._stepper = stepper_for(system, self._method)
         self._begins(system, t, q, v, like)
         self._changing = system if len(system.changing) > 1 + len(self._actuators) else None  # besides by `control`
-        plain = not self._events and self._step is None and system.dropped_are_zero
+        plain = not self._events and not contacts and self._step is None and system.dropped_are_zero
         self._quick = plain and self._stepper.passes_changes(False)
 
     def _begins(self, system, t, q, v, like=None):
         """A run of the stepper that will begin at a state."""
         self._record = Record(Output(events=self._events), (t, t + 1.0), self._stepper.full_multipliers, bool)
-        self._watch = EventWatch(self._events, self._stepper, bool)
+        modes = modes_of(system, self._method, (t, t + 1.0))
+        self._watch = EventWatch(self._events, self._stepper, bool, modes)
         self._control, self._torque, self._commands = system.held_forces[-1], np.zeros(system.nv), {}
         self._actuators = {each.name: each for each in system.held_forces if isinstance(each, BoundHeldActuator)}
         self._place, self._resumes, self._jumped, self._message = (t, q, v), False, False, ""
@@ -236,7 +238,7 @@ class Simulation:
         jumped, self._jumped = self._jumped, False
         if not self._record.begun:
             self._begin()
-            jumped = False
+            jumped, (t, q, v) = False, self._place
         if self._resumes and self._quick:
             reached = None
             try:  # as `march` does, without events or records
@@ -290,6 +292,8 @@ class Simulation:
             type(self).step.__wrapped__(self, dt)
         if self._before is None:
             raise InputError("there is no step to linearise: call step(dt) first, or linearized(dt)")
+        if self.mechanism.contacts:
+            raise InputError("steps of a mechanism with contacts are not linearised: its modes change")
         if self._method.name != "Radau":
             raise InputError(f"steps of Radau are linearised, not of {self._method.name}: choose method='Radau'")
         self._up_to_date()
@@ -325,6 +329,9 @@ class Simulation:
 
     def _begin(self):
         t, q, v = self._place
+        if self._watch.modes is not None:
+            q, v = start_in_modes(self._stepper, self._watch, t, q, v)
+            self._place = t, q, v
         lam = self._stepper.index1.acceleration(t, q, v)[1]
         self._record.first(t, q, v, lam)
         self._watch.restart(t, q, v, lam)

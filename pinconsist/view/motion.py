@@ -149,7 +149,7 @@ def _columns(mech: Mechanism, sol, forces: bool) -> dict[str, np.ndarray]:
     needs = f"a replay of {mech.name!r} needs"
     widths = {"q": mech.nq}
     if forces:
-        widths |= {"lam": mech.nc} | ({"v": mech.nv} if motors(mech) else {})
+        widths |= {"lam": len(mech.row_labels)} | ({"v": mech.nv} if motors(mech) else {})
     for name in ("t", *widths):
         if not hasattr(sol, name):
             raise InputError(f"{needs} a solution; {type(sol).__name__} has no {name}")
@@ -160,7 +160,7 @@ def _columns(mech: Mechanism, sol, forces: bool) -> dict[str, np.ndarray]:
     for name, width in widths.items():
         if found[name].shape != (*rows, width):
             raise InputError(f"{needs} {name} of shape ({rows[0]}, {width}), got {found[name].shape}")
-    for name, width in {"lam": mech.nc, "v": mech.nv}.items():  # for curves, if they can be used
+    for name, width in {"lam": len(mech.row_labels), "v": mech.nv}.items():  # for curves, if they can be used
         values = np.asarray(getattr(sol, name, np.nan))
         if name not in found and values.shape == (*rows, width) and np.isfinite(values).all():
             found[name] = values

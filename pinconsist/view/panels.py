@@ -277,7 +277,7 @@ def multipliers(left, right, drawn):
     labels, fine = drawn.labels["lam"], drawn.curves
     lam, of_rows = fine.lam, drawn.lam
     without = {} if drawn.mech is None else undetermined(drawn.mech, drawn.t, drawn.q)
-    if without and len(labels) == drawn.mech.nc:
+    if without and len(labels) == len(drawn.mech.row_labels):
         kept = [k for k, (loop, _) in enumerate(drawn.mech.row_labels) if loop not in without]
         labels, lam, of_rows = [labels[k] for k in kept], lam[:, kept], of_rows[:, kept]
         note = fill(f"not drawn: {not_determined(without)}", 72)

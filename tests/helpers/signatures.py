@@ -10,10 +10,12 @@ PARAMETERS = {  # those after the bar by name only
     "not_unique beyond_limits corrected_by fixed_step ended_early error error_missing saturated speed units added "
     "branches pulling not_finite not_modelled",
     "Constraint": "name function size jacobian rate moving rows step unilateral knots",
+    "Contact": "name frame xyz radius normal offset on friction restitution",
     "Coupling": "name joint other ratio offset higher",
     "Curve": "times values law",
     "Derivatives": "names values",
     "Drive": "name joint curve rate acceleration knots",
+    "DryFriction": "joint friction name",
     "ElementForce": "label t force moment length speed torque",
     "Energy": "t kinetic potential elastic total stored power work error",
     "Equilibrium": "mechanism t q lam residual stiffness neutral iterations",
@@ -34,7 +36,7 @@ PARAMETERS = {  # those after the bar by name only
     "Judgement": "mechanism t reference agreement rows cheapest not_judged left_out below notes",
     "Linearization": "t q v a lam coordinates Z mass damping stiffness",
     "Loop": "name kind frame1 frame2 xyz1 rpy1 xyz2 rpy2 axis length axis2",
-    "Mechanism": "model loops forces name guess actuated geometry duration corrected_by ignored",
+    "Mechanism": "model loops forces name guess actuated geometry duration corrected_by ignored | contacts",
     "Modes": "eigenvalues shapes massless",
     "Motion": "start speed amplitude frequency phase",
     "Outcome": "index case value error message traceback finished",
@@ -43,6 +45,7 @@ PARAMETERS = {  # those after the bar by name only
     "Reaction": "loop kind axes t force moment torque joint_forces dependence not_unique shared_with resultant_of"
     " resultant_force resultant_moment",
     "Rerun": "same differences solution",
+    "Rope": "name frame1 frame2 length xyz1 xyz2 restitution",
     "Sampled": "period law joints delay",
     "Sensitivities": "solution names values steps dq dv dlam event_times work",
     "SerialEquivalent": "joints motors q T rotors linkage inertia armature torque_vertices torque torque_together speed"
@@ -50,10 +53,12 @@ PARAMETERS = {  # those after the bar by name only
     "Servo": "joint target stiffness damping rate",
     "Simulation": "mech q0 v0 | t0 method step order rtol atol forces events max_step backend",
     "Solution": "t q v lam success status message nsteps nfev njev nlu rejected h order method scene recipe versions"
-    " held sol t_events q_events v_events system",
+    " held contacts sol t_events q_events v_events system",
     "Bushing": "frame1 frame2 stiffness damping xyz1 rpy1 xyz2 rpy2",
     "SpringDamper": "frame1 frame2 stiffness length damping xyz1 xyz2",
     "StepLinearization": "inputs t q v",
+    "Stop": "joint lower upper restitution name",
+    "Strut": "name frame1 frame2 length xyz1 xyz2 restitution",
     "Torque": "function gradient",
     "Wrench": "frame force moment axes xyz",
     "assemble": "mechanism q0 v0 | fixed t tolerance",

@@ -1,0 +1,94 @@
+// The functions whose zeros end a mode of contact: gaps, forces and speeds of sliding.
+#pragma once
+
+#include "mechanism.hpp"
+
+namespace pinconsist {
+
+class ContactWatch {
+public:
+  // Of all rows of the contacts, in their order.
+  explicit ContactWatch(MechanismSystem &rows) : rows_(rows) {}
+
+  // The gap of a row, above `level`, positive.
+  void add_gap(int row, double level) { watched_.push_back({Kind::gap, row, {}, level, {}}); }
+  // A multiplier in use, of a force that may only push.
+  void add_push(int place) { watched_.push_back({Kind::push, place, {}, 0.0, {}}); }
+  // friction · λ of `place` less |λ| of `beside`: the cone; or `friction` less |λ|, without a normal force.
+  void add_cone(int place, std::vector<int> beside, double friction) {
+    watched_.push_back({Kind::cone, place, std::move(beside), friction, {}});
+  }
+  // The speed of sliding of rows from `row` on, along `direction`, above `level`.
+  void add_speed(int row, const Vec &direction, double level) { watched_.push_back({Kind::speed, row, {}, level, direction}); }
+
+  size_t size() const { return watched_.size(); }
+
+  double value(size_t i, double t, const Vec &p, const Vec &v, const Vec &lam) {
+    const Watched &of = watched_[i];
+    if (of.kind == Kind::push) return lam[of.row];
+    if (of.kind == Kind::cone) {
+      double square = 0.0;
+      for (int place : of.beside) square += lam[place] * lam[place];
+      return (of.row < 0 ? of.number : of.number * lam[of.row]) - std::sqrt(square);
+    }
+    evaluate(t, p, v);
+    if (of.kind == Kind::gap) return now_.gap[of.row] - of.number;
+    return of.direction.dot(now_.rate.segment(of.row, of.direction.size())) - of.number;
+  }
+
+  // The next look is at a later time than the last one.
+  void advance() { before_ = now_; }
+  void back() { now_ = before_; }
+
+  // A time between the last two looks at which some gap may be negative although it is not at either; NaN if there is none.
+  double doubtful() const {
+    if (!before_.gap.size() || !now_.gap.size()) return NOT_A_NUMBER;
+    const double h = now_.t - before_.t;
+    double lowest = 0.0, when = NOT_A_NUMBER;
+    for (const Watched &of : watched_) {
+      if (of.kind != Kind::gap) continue;
+      const double g0 = before_.gap[of.row] - of.number, g1 = now_.gap[of.row] - of.number;
+      const double d0 = h * before_.rate[of.row], d1 = h * now_.rate[of.row];
+      const double a = 2.0 * (g0 - g1) + d0 + d1, b = 3.0 * (g1 - g0) - 2.0 * d0 - d1, root = b * b - 3.0 * a * d0;
+      if (!(root > 0.0) || b + std::sqrt(root) == 0.0) continue;
+      const double s = -d0 / (b + std::sqrt(root)); // where the cubic has its minimum
+      if (!(s > EDGE && s < 1.0 - EDGE)) continue;
+      const double least = g0 + s * (d0 + s * (b + s * a));
+      const double part = (least - NEAR_GAP * std::min(g0, g1)) / (std::abs(g0) + std::abs(g1) + 1e-300);
+      if (part < lowest) {
+        lowest = part;
+        when = before_.t + s * h;
+      }
+    }
+    return when;
+  }
+
+private:
+  enum class Kind { gap, push, cone, speed };
+  struct Watched {
+    Kind kind;
+    int row; // of the contacts' rows; of push and cone, a place in λ
+    std::vector<int> beside;
+    double number;
+    Vec direction;
+  };
+  struct Seen {
+    double t = NOT_A_NUMBER;
+    Vec p, v, gap, rate;
+  };
+
+  void evaluate(double t, const Vec &p, const Vec &v) {
+    if (now_.t == t && now_.p.size() && now_.p == p && now_.v == v) return;
+    rows_.constraint(t, p, v);
+    now_ = {t, p, v, rows_.phi, rows_.rho};
+  }
+
+  static constexpr double EDGE = 1e-6;    // of the way between two looks: a minimum there is seen by the looks
+  static constexpr double NEAR_GAP = 0.2; // of the gaps at the looks: a lower minimum is looked at
+
+  MechanismSystem &rows_;
+  std::vector<Watched> watched_;
+  Seen before_, now_;
+};
+
+} // namespace pinconsist

@@ -1,0 +1,222 @@
+"""The equations of a mechanism in one mode of its contacts: with the rows of what is closed or sticks."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..engine.complementarity import Grip, Push, solve
+from .system import MechanismSystem
+
+OPEN, CLOSED, STICK, SLIP = "open", "closed", "stick", "slip"
+DEPENDENT = 1e-6  # remainder of a row, relative to its length, below which it depends on those before it
+SHARED = 1e-9  # relative error of forces that are distributed among dependent rows
+NO_ROW = 1e-9  # length of a row, relative to the longest, that is rounding
+
+
+class Mode(NamedTuple):
+    """What one element does: ``open``, ``closed`` (it rests, without friction), ``stick`` or ``slip``.
+
+    `at` is where it sticks, along its tangents; `direction` that of sliding, a unit vector.
+    """
+
+    kind: str = OPEN
+    at: tuple[float, ...] = ()
+    direction: tuple[float, ...] = ()
+
+
+class ModeSystem(MechanismSystem):
+    """The system of `base`, which has the loops and forces, with the rows of `elements` in their `modes`.
+
+    `every` is a compiled system with all rows of the elements. `J` has the kept rows of the loops and then the rows of
+    all elements, at the position at which the mode begins, by which independent ones are kept: first the gaps, then
+    tangents, then the friction of joints. ``redundant`` says whether some were left out; ``used`` has for each element
+    the kept ones of its rows and their places among the multipliers. Contacts that slide more slowly than `still` keep
+    their direction.
+    """
+
+    def __init__(self, base: MechanismSystem, elements, every, modes, J, still: float):
+        vars(self).update(vars(base))
+        self.base, self.elements, self.every, self.modes = base, elements, every, tuple(modes)
+        self._start, self.still = J, still
+        self.firsts = np.concatenate(([0], np.cumsum([each.size for each in elements]))).astype(int)
+        chosen, self.redundant = _independent(J[: base.nc], self._wanted(), J[base.nc :])
+        self.used: dict[int, dict[int, int]] = {}
+        place = base.nc
+        for i, mode in enumerate(self.modes):
+            rows = [row - self.firsts[i] for row in chosen if self.firsts[i] <= row < self.firsts[i + 1]]
+            if rows and mode.kind != OPEN:
+                self.used[i] = {row: place + k for k, row in enumerate(rows)}
+                place += len(rows)
+        self.nc = place
+
+    def _wanted(self) -> list[list[int]]:
+        """The rows of elements in classes, those of the first class first."""
+        gaps, tangents, of_joints = [], [], []
+        for i, (element, mode) in enumerate(zip(self.elements, self.modes, strict=True)):
+            first = self.firsts[i]
+            if mode.kind != OPEN and element.pushes:
+                gaps.append(first)
+            if mode.kind == STICK:
+                rows = range(first + element.pushes, first + element.size)
+                (tangents if element.pushes else of_joints).extend(rows)
+        return [gaps, tangents, of_joints]
+
+    def with_base(self, base) -> ModeSystem:
+        """The same mode with other rows of the loops."""
+        return ModeSystem(base, self.elements, self.every, self.modes, self._start, self.still)
+
+    @property
+    def lacking(self) -> set[int]:
+        """The closed elements whose row of the gap was left out, or which stick with fewer rows than they have."""
+        return {
+            i
+            for i, (element, mode) in enumerate(zip(self.elements, self.modes, strict=True))
+            if mode.kind != OPEN
+            and len(self.used.get(i, ())) < element.pushes + element.tangents * (mode.kind == STICK)
+            and (element.pushes or mode.kind == STICK)
+        }
+
+    def hand_over(self, compiled):
+        self.kept_rows.hand_over(compiled)
+        for i, rows in self.used.items():
+            element, mode = self.elements[i], self.modes[i]
+            if mode.kind == SLIP:
+                element.add_sliding(compiled, mode.direction, self.still)
+            else:
+                element.add(compiled, tuple(rows), mode.at or None)
+        self.hand_over_forces(compiled)
+
+    def hand_over_forces(self, compiled):
+        super().hand_over_forces(compiled)
+        sliding = self.sliding_friction()
+        if sliding.any():
+            compiled.add_constant(sliding)
+
+    def sliding_friction(self) -> np.ndarray:
+        """The joint torques of dry friction that slides, (nv,)."""
+        found = np.zeros(self.nv)
+        for element, mode in zip(self.elements, self.modes, strict=True):
+            if mode.kind == SLIP and not element.pushes:
+                found[element.column] -= element.kinetic * mode.direction[0]
+        return found
+
+    @property
+    def n_multipliers(self):
+        return self.rows.nc + int(self.firsts[-1])
+
+    def full_multipliers(self, q, lam, complete=None, v=None):
+        """λ of all rows of the loops, then of all elements, 0 where they are open, from those in use; also stacks.
+
+        The friction of contacts that slide is that of their velocity `v`.
+        """
+        loops = self.base.full_multipliers(q, np.ascontiguousarray(lam[..., : self.base.nc]), complete)
+        own = np.zeros((*lam.shape[:-1], int(self.firsts[-1])))
+        for i, (element, mode) in enumerate(zip(self.elements, self.modes, strict=True)):
+            first = self.firsts[i]
+            for row, place in self.used.get(i, {}).items():
+                own[..., first + row] = lam[..., place]
+            if mode.kind == SLIP:
+                self._slide(own[..., first : self.firsts[i + 1]], i, element, mode, q, v)
+        if self.lacking:
+            self._share(q, own)
+        return np.concatenate((loops, own), axis=-1)
+
+    def _share(self, q, own):
+        """Distribute the forces among rows that depend on each other, so that each obeys its law."""
+        blocks, rows = self._laws()
+        for position, forces in [(q, own)] if own.ndim == 1 else zip(q, own, strict=True):
+            if not forces.any() or self._obey(forces):
+                continue
+            R = self.every.rows(position)[1]
+            total = forces[rows] @ R[rows]
+            shares = solve(R[rows] @ R[rows].T, -R[rows] @ total, blocks)[0]
+            if np.abs(shares @ R[rows] - total).max() <= SHARED * np.abs(total).max():
+                forces[rows] = shares
+
+    def _laws(self):
+        """The blocks of the forces of elements that rest or stick, and their rows; what slides stays as it is."""
+        blocks, rows = [], []
+        for i, (element, mode) in enumerate(zip(self.elements, self.modes, strict=True)):
+            if mode.kind == OPEN or mode.kind == SLIP:
+                continue
+            at, first = len(rows), int(self.firsts[i])
+            if element.pushes:
+                blocks.append(Push(at))
+                rows.append(first)
+            if mode.kind == STICK:
+                own = len(rows), element.tangents
+                rows += range(first + element.pushes, first + element.size)
+                law = {"friction": element.static, "of": at} if element.pushes else {"limit": element.static}
+                blocks.append(Grip(*own, **law))
+        return blocks, rows
+
+    def _obey(self, forces) -> bool:
+        small = SHARED * np.abs(forces).max()
+        for i, element in enumerate(self.elements):
+            own = forces[self.firsts[i] : self.firsts[i + 1]]
+            limit = element.static * (own[0] if element.pushes else 1.0)
+            if (element.pushes and own[0] < -small) or np.linalg.norm(own[element.pushes :]) > limit + small:
+                return False
+        return True
+
+    def _slide(self, own, i, element, mode, q, v):
+        """Fill in the tangential forces of an element that slides."""
+        if not element.pushes:
+            own[..., 0] = -element.kinetic * np.array(mode.direction)[0]
+            return
+        direction = np.broadcast_to(mode.direction, (*own.shape[:-1], len(mode.direction)))
+        if element.tangents == 2 and v is not None:
+            direction = self.directions(i, q, v, direction)
+        own[..., 1:] = -element.kinetic * own[..., :1] * direction
+
+    def directions(self, i, q, v, otherwise):
+        """The directions in which the element slides, of one row or a stack of rows."""
+        first, found = self.firsts[i] + 1, np.array(otherwise, float)
+        rows = [(q, v)] if np.ndim(v) == 1 else list(zip(q, v, strict=True))
+        for k, (position, velocity) in enumerate(rows):
+            slip = self.every.evaluate(0.0, position, velocity, np.zeros(self.nv))[3][first : first + 2]
+            if (speed := float(np.linalg.norm(slip))) > self.still:
+                found[(k,) if found.ndim > 1 else ...] = slip / speed
+        return found
+
+    def reselected(self, q):
+        fresh = self.base.reselected(q)
+        return None if fresh is None else self.with_base(fresh)
+
+    def opened(self, times, positions, gaps=None):
+        return self.base.opened(times, positions, gaps)
+
+    def describe_row(self, row):
+        for i, rows in self.used.items():
+            for own, place in rows.items():
+                if place == row:
+                    return f"contact {self.elements[i].name!r} row {self.elements[i].labels[own]}"
+        return super().describe_row(row)
+
+
+def _independent(loops, classes, J):
+    """The indices of independent rows of J, (n, nv), and whether some of the wanted ones depend on others.
+
+    `loops` are rows that are kept in any case. Of each class the row with the largest remainder comes first.
+    """
+    lengths = np.linalg.norm(J, axis=1) if len(J) else np.zeros(0)
+    longest = lengths.max(initial=0.0)
+    basis = np.linalg.qr(loops.T)[0] if len(loops) else np.zeros((J.shape[1], 0))
+    kept, dependent = [], False
+    for rows in classes:
+        left = {row: J[row] / lengths[row] for row in rows if lengths[row] > NO_ROW * longest}
+        dependent |= len(left) < len(rows)
+        while left:
+            for row in left:
+                for _ in range(2):
+                    left[row] = left[row] - basis @ (basis.T @ left[row])
+            row = max(left, key=lambda row: float(np.linalg.norm(left[row])) + 1e-9 * (row == rows[0]))
+            size = float(np.linalg.norm(left[row]))
+            if size < DEPENDENT:
+                dependent = True
+                break
+            kept.append(row)
+            basis = np.column_stack((basis, left.pop(row) / size))
+    return sorted(kept), dependent

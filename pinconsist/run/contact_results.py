@@ -1,0 +1,296 @@
+"""What the contacts of a run did: their modes, impacts, gaps and forces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ..engine.index1 import Index1
+from ..engine.norms import largest
+from ..engine.systems import blank_system, compiled_system
+from ..errors import InputError
+from ..mechanism.checks import near, read_only
+from ..mechanism.contacts import DistanceElement, PlaneElement
+from ..mechanism.mode_system import OPEN, STICK, Mode, ModeSystem
+from ..mechanism.names import velocity_units
+from ..mechanism.rows import LoopRows
+from ..mechanism.system import MechanismSystem
+
+
+class ContactMode(NamedTuple):
+    """A time in which a contact did the same.
+
+    Its name, which for a stop includes the side; ``open``, ``closed``, ``stick`` or ``slip``; begin and end, s.
+    """
+
+    contact: str
+    mode: str
+    t_begin: float
+    t_end: float
+
+
+class ContactImpact(NamedTuple):
+    """An impact.
+
+    Its time, s; impulses, N s or N m s, by contact, with the tangential ones where there is friction; speeds of
+    approach before it, m/s or rad/s; the energy that was lost, J; and whether it was no collision, but the sudden end
+    of sliding where friction lets no accelerations exist.
+    """
+
+    t: float
+    impulses: dict
+    speeds: dict
+    energy_lost: float
+    jam: bool = False
+
+
+@dataclass(frozen=True)
+class ContactMotion:
+    """A contact at the rows of a solution.
+
+    Attributes
+    ----------
+    name, t : str, ndarray
+        Its name, and the times, s.
+    gap : ndarray, shape (n,)
+        m or rad; of a joint with two stops that to the nearer one, 0 for dry friction.
+    force : ndarray
+        Of a stop or dry friction the torque or force on the joint, N·m or N, and of a rope or strut the tension
+        or pressure, N, shape (n,); of a point on a plane the force on the body, N, in world axes, shape (n, 3).
+    slip : ndarray, shape (n, k)
+        Velocities along the tangents, m/s or rad/s.
+    mode : list of str
+        ``open``, ``closed``, ``stick`` or ``slip``.
+    """
+
+    name: str
+    t: np.ndarray
+    gap: np.ndarray
+    force: np.ndarray
+    slip: np.ndarray
+    mode: list[str]
+
+
+@dataclass(frozen=True)
+class ContactHistory:
+    """The modes of all elements from each of the times ``starts`` on, and the impacts."""
+
+    names: tuple[str, ...] = ()  # of the elements
+    starts: tuple[float, ...] = ()
+    tables: tuple[tuple[Mode, ...], ...] = ()
+    impacts: tuple[ContactImpact, ...] = ()
+    still: float = 0.0
+
+    @staticmethod
+    def of(trajectory) -> ContactHistory | None:
+        if not trajectory.periods:
+            return None
+        starts, tables = [], []
+        for period in trajectory.periods:
+            if tables and tables[-1] == period.system.modes:
+                continue
+            starts.append(float(period.t))
+            tables.append(period.system.modes)
+        impacts = tuple(ContactImpact(*each) for each in trajectory.impacts)
+        names = tuple(each.name for each in trajectory.periods[0].system.elements)
+        return ContactHistory(names, tuple(starts), tuple(tables), impacts, trajectory.periods[-1].system.still)
+
+    def plain(self) -> dict:
+        """As plain data."""
+        tables = [[list(map(_plain, mode)) for mode in table] for table in self.tables]
+        impacts = [[_plain(each) for each in impact] for impact in self.impacts]
+        return {"names": self.names, "starts": self.starts, "tables": tables, "impacts": impacts, "still": self.still}
+
+    @staticmethod
+    def recorded(data) -> ContactHistory | None:
+        """The history that :meth:`plain` described; TypeError, KeyError or ValueError for anything else."""
+        if data is None:
+            return None
+        tables = tuple(
+            tuple(Mode(str(kind), tuple(at), tuple(direction)) for kind, at, direction in table)
+            for table in data["tables"]
+        )
+        impacts = tuple(ContactImpact(*each) for each in data["impacts"])
+        return ContactHistory(tuple(data["names"]), tuple(data["starts"]), tables, impacts, float(data["still"]))
+
+    @staticmethod
+    def joined(parts) -> ContactHistory | None:
+        """The history of successive runs, each with the time at which it ends; None for runs without contacts."""
+        if not parts or parts[0][0] is None:
+            return None
+        starts, tables, impacts = [], [], []
+        for part, end in parts:
+            count = sum(start <= end for start in part.starts)
+            for start, table in list(zip(part.starts, part.tables, strict=True))[:count]:
+                if not tables or [mode.kind for mode in tables[-1]] != [mode.kind for mode in table]:
+                    starts.append(start)
+                    tables.append(table)
+            impacts += [each for each in part.impacts if each.t <= end]
+        first = parts[0][0]
+        return ContactHistory(first.names, tuple(starts), tuple(tables), tuple(impacts), first.still)
+
+    def of_rows(self, t) -> np.ndarray:
+        """The index of the table that holds at each row: of several rows at a time of change, the later ones."""
+        t, starts = np.asarray(t, float), np.array(self.starts)
+        found = np.searchsorted(starts, t, side="right") - 1
+        for time in np.unique(starts[1:]):
+            rows, changes = np.flatnonzero(t == time), np.flatnonzero(starts == time)
+            if len(rows) < 2:
+                continue
+            before = [changes[0] - 1] * max(1, len(rows) - len(changes))
+            found[rows] = [*before, *changes[len(changes) - len(rows) + len(before) :]]
+        return np.maximum(found, 0)
+
+    def modes(self, end) -> list[ContactMode]:
+        """The time that each element spends in each mode, those of zero length left out."""
+        found, times = [], [*self.starts, end]
+        for i, name in enumerate(self.names):
+            begin, kind = times[0], self.tables[0][i].kind
+            for k in range(1, len(self.tables) + 1):
+                other = self.tables[k][i].kind if k < len(self.tables) else ""
+                if other != kind:
+                    if times[k] > begin:
+                        found.append(ContactMode(name, kind, begin, times[k]))
+                    begin, kind = times[k], other
+        return sorted(found, key=lambda each: each.t_begin)
+
+    def at(self, t) -> tuple[str, ...]:
+        """What each element does at a time."""
+        return tuple(mode.kind for mode in self.tables[self.index(t)])
+
+    def index(self, t) -> int:
+        """The table that holds at a time, of two at a time of change the later one."""
+        return max(int(np.searchsorted(self.starts, t, side="right")) - 1, 0)
+
+
+def _plain(value):
+    """Numbers, texts and mappings for JSON."""
+    if isinstance(value, dict):
+        return {name: _plain(each) for name, each in value.items()}
+    return value.tolist() if isinstance(value, np.ndarray) else list(value) if isinstance(value, tuple) else value
+
+
+class EquationsInModes:
+    """The equations of a mechanism with contacts, in the mode of each time."""
+
+    def __init__(self, mechanism, history):
+        self._mechanism, self._history, self._base = mechanism, history, None
+        self._known: dict[tuple, Index1] = {}
+
+    def at(self, t, q) -> Index1:
+        """The equations near a state."""
+        modes = self._history.tables[self._history.index(t)]
+        if (known := self._known.get(modes)) is None or known.system.reselected(q) is not None:
+            if self._base is None or known is not None:
+                self._base = MechanismSystem(self._mechanism, q, t)
+            system = mode_system(self._base, modes, t, q, self._history.still)
+            self._known[modes] = known = Index1(system, compiled_system(system))
+        return known
+
+
+def mode_system(base, modes, t, q, still) -> ModeSystem:
+    """The equations in one mode at a position in it."""
+    elements, v = base.mechanism.contact_elements, np.zeros(base.nv)
+    every = all_rows(base, elements)
+    J = np.vstack((compiled_system(base).dynamics(t, q, v)[2], every.evaluate(t, q, v, v)[2]))
+    return ModeSystem(base, elements, every, modes, J, still)
+
+
+def all_rows(system, elements):
+    """A compiled system with all rows of these elements, without loops and forces."""
+    every = blank_system(system.model, system.data)
+    for element in elements:
+        element.add(every)
+    return every
+
+
+def row_units(mechanism) -> list[str]:
+    """The unit of each row of :attr:`Mechanism.row_labels`: of contacts that of their joint, or m."""
+    of_joints, units = velocity_units(mechanism.model), list(LoopRows.of(mechanism).units)
+    for element in mechanism.contact_elements:
+        units += [of_joints[element.column] if element.of_joint else "m"] * element.size
+    return units
+
+
+def contact_motion(solution, mechanism, name) -> ContactMotion:
+    """What :meth:`Solution.contact` returns."""
+    elements, names = mechanism.contact_elements, [each.name for each in mechanism.contacts]
+    of = [i for i, each in enumerate(elements) if name in (each.name, each.record.name)]
+    if not of:
+        there = f"the contacts are {', '.join(names)}" if names else "it has no contacts"
+        raise InputError(f"{mechanism.name}: no contact {name!r}{near(name, names)}; {there}")
+    firsts = mechanism.nc + np.concatenate(([0], np.cumsum([each.size for each in elements]))).astype(int)
+    phi, rates = rows_of(solution, mechanism, elements)
+    gap, force, slip = _measured(solution, mechanism, elements, of, firsts, phi, rates)
+    kinds = [[table[i].kind for i in of] for table in solution.contacts.tables]
+    table = solution.contacts.of_rows(solution.t)
+    mode = [next((kind for kind in kinds[k] if kind != OPEN), OPEN) for k in table]
+    return ContactMotion(name, solution.t, read_only(gap), read_only(force), read_only(slip), mode)
+
+
+def rows_of(solution, mechanism, elements):
+    """Positions and rates of all rows of elements at the rows of a solution, (n, m) each."""
+    every = blank_system(mechanism.model)
+    for element in elements:
+        element.add(every)
+    t, q, v = solution.t, solution.q, solution.v
+    return every.residuals(t, q, v, np.zeros((len(t), sum(each.size for each in elements))))[:2]
+
+
+def _measured(solution, mechanism, elements, of, firsts, phi, rates):
+    n, nc = len(solution.t), mechanism.nc
+    gaps = [phi[:, firsts[i] - nc] for i in of if elements[i].pushes]
+    gap = np.min(gaps, axis=0) if gaps else np.zeros(n)
+    element = elements[of[0]]
+    own = slice(firsts[of[0]], firsts[of[0] + 1])
+    slip = rates[:, own.start - nc + element.pushes : own.stop - nc]
+    if isinstance(element, PlaneElement):
+        force, data = np.empty((n, 3)), mechanism.model.createData()
+        for k, q in enumerate(solution.q):
+            pin.forwardKinematics(mechanism.model, data, q)
+            turn = data.oMi[element.joint1].rotation[None]
+            force[k] = element.force(solution.lam[k : k + 1, own], None, None, turn)[0]
+    elif isinstance(element, DistanceElement) or not element.pushes:
+        force = solution.lam[:, own.start].copy()
+    else:
+        force = sum(elements[i].sign * solution.lam[:, firsts[i]] for i in of)
+    return gap, force, slip
+
+
+def measured_in_modes(mechanism, history, states):
+    """What :func:`~pinconsist.run.accuracy.measured` returns, of a run with contacts.
+
+    The columns of Φ and of the hidden residual are those of the loops and then of the contacts: of closed gaps their
+    sizes, of tangents that stick their motion, and of open gaps what is below zero.
+    """
+    equations, rows, acting = EquationsInModes(mechanism, history), [], 0.0
+    for t, q, v, lam in zip(*states, strict=True):
+        index1 = equations.at(t, q)
+        system, still = index1.system, np.zeros(len(v))
+        exact = system.full_multipliers(q, index1.acceleration(t, q, v)[1], v=v)
+        gap, J = system.loop_rows(q, t)
+        f = index1.compiled.evaluate(t, q, v, still)[0]
+        _, phi, R, rates = system.every.evaluate(t, q, v, still)
+        gaps, hidden = _violations(system, phi, rates)
+        every = np.vstack((J, R))
+        hidden = np.concatenate((J @ v + system.rows.time_rate(t, q), hidden))
+        rows.append((np.concatenate((gap, gaps)), hidden, every.T @ lam, every.T @ exact))
+        acting = max(acting, largest(f), largest(system.weights(q, v)))
+    return *(np.array(column) for column in zip(*rows, strict=True)), None, acting
+
+
+def _violations(system, phi, rates):
+    """What the rows of the contacts violate, as positions and as velocities."""
+    gaps, hidden = np.zeros(len(phi)), np.zeros(len(phi))
+    for i, (element, mode) in enumerate(zip(system.elements, system.modes, strict=True)):
+        first, last = system.firsts[i], system.firsts[i + 1]
+        if element.pushes:
+            gaps[first] = min(phi[first], 0.0) if mode.kind == OPEN else phi[first]
+            hidden[first] = 0.0 if mode.kind == OPEN else rates[first]
+        if mode.kind == STICK:
+            own = slice(first + element.pushes, last)
+            gaps[own], hidden[own] = phi[own] - mode.at, rates[own]
+    return gaps, hidden

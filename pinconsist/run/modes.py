@@ -1,0 +1,588 @@
+"""The modes of contacts: which elements are open, closed, stick or slide, and what happens where that changes.
+
+===========  ================================  =======================================  ==========================
+mode         rows                              direction of the force                   ends where this falls to 0
+===========  ================================  =======================================  ==========================
+``open``     none                              none                                     g
+``closed``   g = 0                             n                                        λ_n
+``stick``    g = 0, x_t = where it stuck       n and the tangents T                     λ_n; μ_s λ_n - \\|λ_t\\|
+``slip``     g = 0                             n - μ_k Tᵀd with the direction d         λ_n; d·(T v)
+===========  ================================  =======================================  ==========================
+
+Dry friction of a joint has no gap: it sticks while \\|λ\\| is below its limit, and slides with a constant force.
+
+At an end of a mode the velocities are settled first (:meth:`Modes._struck`), if some gap would close: by impulses, of a
+complementarity problem of the velocities after it. What then approaches or leaves more slowly than can be resolved
+rests. The same problem of the accelerations decides which contacts stay closed, and which stick
+(:meth:`Modes._decided`). Where rows depend on each other, single multipliers mean nothing: then the mode ends where
+this problem has another result.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..engine import required
+from ..engine.complementarity import Grip, Push, solve
+from ..engine.norms import EPS, largest
+from ..engine.systems import blank_system, compiled_system
+from ..errors import InputError, PinconsistError
+from ..mechanism.mode_system import CLOSED, OPEN, SLIP, STICK, Mode, ModeSystem
+
+TOUCHING = 1e-9  # gap at a start that counts as closed; deeper ones are errors
+SAME_GAP = 1e-10  # gap, relative to positions, of what takes part in an impact of others
+NOISE = 1e-13  # of a gap, relative to positions
+LIFTS = 4  # Newton steps by which gaps are closed
+LIFTED = 1e-11  # violation of a gap, relative to positions, that is removed where it closes
+APPROACH = 1e-11  # rate of a gap, relative to velocities, that is none
+SLIDES = 1e-10  # speed of sliding, relative to velocities, that is none, in a plane
+TIE = 1e-7  # of the largest force: at the end of a mode a smaller one is zero
+STICKS = 1e-9  # of the largest acceleration: a smaller one of sliding is none
+FLIGHT = 1e3  # roundings of the position: the height of flights that are not resolved
+UNSOLVED = 1e-6  # residual of a complementarity problem that has no solution
+GAIN = 1e-9  # kinetic energy, relative, that an impact may gain by rounding
+AT_ONCE = 30  # changes of mode at one time after which a run ends
+
+
+class Struck(NamedTuple):
+    """An impact: its time, s; impulses, N s or N m s, and speeds of approach by contact; the energy lost, J."""
+
+    t: float
+    impulses: dict
+    speeds: dict
+    energy_lost: float
+    jam: bool = False
+
+
+class Period(NamedTuple):
+    """The time from which a table of modes holds, and its system."""
+
+    t: float
+    system: ModeSystem
+
+
+class Modes:
+    """The modes of a run of a mechanism with contacts.
+
+    Parameters
+    ----------
+    base : MechanismSystem
+        The loops and forces.
+    rtol, atol : float
+        Of the velocities: what is slower than this allows after an impact rests.
+
+    Attributes
+    ----------
+    system : ModeSystem
+        The equations of the present mode.
+    periods : list of Period
+        All modes so far.
+    impacts : list of Struck
+    """
+
+    def __init__(self, base, rtol, atol):
+        self.base, self._rtol, self._atol = base, rtol, atol
+        self.elements = base.mechanism.contact_elements
+        self.firsts = np.concatenate(([0], np.cumsum([each.size for each in self.elements]))).astype(int)
+        self.still = max(10.0 * atol, 1e-12)
+        self.periods: list[Period] = []
+        self.impacts: list[Struck] = []
+        self.every = blank_system(base.model, base.data)
+        for element in self.elements:
+            element.add(self.every)
+        self._loops = compiled_system(base)
+        self._levels: list[float] = [0.0] * len(self.elements)
+        self._speeds = np.zeros(len(self.elements))  # the largest of approach so far
+        self._known: dict[tuple, ModeSystem] = {}
+        self._at_once, self._last = 0, -np.inf
+        self._told: list[str] = []
+
+    @property
+    def system(self) -> ModeSystem:
+        return self.periods[-1].system
+
+    def begin(self, t, p, v):
+        """Choose the modes at a start; returns p and v, which an impact may change."""
+        gap = self._rows(t, p, v).gap
+        for i, element in enumerate(self.elements):
+            if element.pushes and gap[i] < -TOUCHING:
+                raise InputError(
+                    f"the {element.record.kind} {element.name!r} is violated by {-gap[i]:.3g} at the start t = {t:.6g}"
+                    ": take another q0, at which it is open or closed"
+                )
+        touching = {i for i, element in enumerate(self.elements) if element.pushes and gap[i] <= TOUCHING}
+        return self._entered(t, p, v, touching, set(), [Mode()] * len(self.elements))
+
+    def change(self, t, p, v, fired=(), beyond=None):
+        """The modes after the events `fired`, pairs (element, what fell to zero), or after a jump of forces.
+
+        Returns p and v. Where the accelerations of redundant rows call for other modes, these are those of a state
+        `beyond`, (t, p, v), since at the event itself both fit.
+        """
+        modes, hits = self.system.modes, {i for i, what in fired if what == "gap"}
+        self._require_progress(t, fired)
+        near = SAME_GAP * (1.0 + largest(p))
+        gap = self._rows(t, p, v).gap
+        closed = {
+            i
+            for i, element in enumerate(self.elements)
+            if element.pushes and (modes[i].kind != OPEN or i in hits or gap[i] <= near)
+        }
+        if beyond is not None and fired == [(None, "agree")]:
+            kept, _ = self._decided(self._rows(*beyond), closed & self._closed_gaps(), set(), modes)
+            self._enter(t, p, self._rows(t, p, v), kept)
+            return p, v
+        return self._entered(t, p, v, closed, set(fired), modes)
+
+    def _closed_gaps(self):
+        return {i for i, mode in enumerate(self.system.modes) if mode.kind != OPEN and self.elements[i].pushes}
+
+    def _require_progress(self, t, fired):
+        if abs(t - self._last) > 1e-12 * max(1.0, abs(t)):
+            self._at_once, self._last, self._told = 0, t, []
+        self._at_once += 1
+        self._told += [self.elements[i].name for i, _ in fired if i is not None]
+        if self._at_once > AT_ONCE:
+            names = ", ".join(repr(name) for name in dict.fromkeys(self._told))
+            raise PinconsistError(
+                f"the contacts {names or 'of this mechanism'} change between the same modes at t = {t:.6g} without "
+                "end; a smaller rtol or other coefficients of friction often help"
+            )
+
+    def _entered(self, t, p, v, closed, fired, before):
+        state = self._rows(t, p, v)
+        p = self._touching(state, closed)
+        if p is not state.p:
+            state = self._rows(t, p, v)
+            before = [self._moved(state, i, mode) for i, mode in enumerate(before)]
+        v, closed = self._struck(state, closed, {i for i, what in fired if what == "gap"}, before)
+        if v is not state.v:
+            state = self._rows(t, p, v)
+            before = [mode if self._at_rest(state, i) else Mode() for i, mode in enumerate(before)]
+        modes, v = self._decided(state, closed, fired, before)
+        self._enter(t, p, state, modes)
+        return p, v
+
+    def _enter(self, t, p, state, modes):
+        key = tuple(modes)
+        system = self._known.get(key)
+        kept = system is not None and system.base is self.base
+        if not kept or system.redundant or _weak(system, state.J):
+            system = ModeSystem(self.base, self.elements, self.every, modes, state.J, self.still)
+            self._known[key] = system
+        noise, bound = NOISE * (1.0 + largest(p)), APPROACH * (1.0 + largest(state.v))
+        for i in range(len(self.elements)):  # what leaves softly must not hit by rounding
+            near = modes[i].kind == OPEN and state.gap[i] <= TOUCHING
+            soft = state.rates[self.firsts[i]] <= bound
+            self._levels[i] = min(state.gap[i], 0.0) - noise * soft if near else 0.0
+        self.periods.append(Period(t, system))
+
+    def rebased(self, t, base) -> ModeSystem:
+        """The present mode with other rows of the loops."""
+        self.base, self._loops, self._known = base, compiled_system(base), {}
+        system = self.system
+        self.periods.append(Period(t, system.with_base(base)))
+        return self.system
+
+    # What happens at an instant
+
+    def _moved(self, state, i, mode):
+        """The mode of an element at another position: what sticks does so there."""
+        if mode.kind != STICK:
+            return mode
+        own = slice(self.firsts[i] + self.elements[i].pushes, self.firsts[i + 1])
+        return mode._replace(at=tuple(state.phi[own].tolist()))
+
+    def _touching(self, state, closed):
+        """The position with gaps closed that are closed but for the accuracy of the time of an event.
+
+        To lift what bounces by roundings would give it energy.
+        """
+        noise = LIFTED * (1.0 + largest(state.p))
+        p = state.p
+        for _ in range(LIFTS):
+            rows = [self.firsts[i] for i in sorted(closed) if noise < abs(state.gap[i]) and state.gap[i] <= TOUCHING]
+            if not rows:
+                break
+            A = state.R[rows] @ state.responses[:, rows]
+            impulses = np.linalg.lstsq(A, state.phi[rows], rcond=1e-10)[0]
+            p = self.base.integrate(p, -state.responses[:, rows] @ impulses)
+            state = self._rows(state.t, p, state.v)
+        return p
+
+    def _rows(self, t, p, v) -> _Instant:
+        return _Instant(self, t, p, v)
+
+    def _resting_speed(self, i, state) -> float:
+        """The rate of a gap below which it rests after an impact."""
+        acceleration = abs(state.acceleration(self.firsts[i]))
+        unresolved = np.sqrt(2.0 * max(acceleration, 1.0) * FLIGHT * EPS * (1.0 + largest(state.p)))
+        return max(self._atol + self._rtol * self._speeds[i], unresolved)
+
+    def _struck(self, state, closed, hits, before):
+        """The velocity after an impact, if some closed gap would close further, and what is closed then.
+
+        A gap of `hits` that opens slowly is not about to close, but its flight is too short to be resolved.
+        """
+        v, rates = state.v, state.rates
+        bound = APPROACH * (1.0 + largest(v))
+        approaching = {i for i in closed if rates[self.firsts[i]] < -bound}
+        if approaching:
+            for i in approaching:
+                self._speeds[i] = max(self._speeds[i], -rates[self.firsts[i]])
+            v = self._impact(state, sorted(closed))
+            rates = state.R @ v
+        if approaching or hits:
+            slow = [
+                i
+                for i in sorted(closed)
+                if rates[self.firsts[i]] <= self._resting_speed(i, state)
+                and (rates[self.firsts[i]] > 0.0 or self._is_slow(i, state))
+            ]
+            held = [j for j, mode in enumerate(before) if mode.kind == STICK and not self.elements[j].pushes]
+            if not all(self._is_slow(i, state) for i in approaching):
+                held = []  # an impact that counts
+            rested = self._rested(state, v, slow, held, closed)
+            if rested is not None:
+                v, rates = rested, state.R @ rested
+        bound = APPROACH * (1.0 + largest(v))
+        return v, {i for i in closed if abs(rates[self.firsts[i]]) <= bound}
+
+    def _at_rest(self, state, i) -> bool:
+        """Whether the tangents of an element are at rest."""
+        slip = state.rates[self.firsts[i] + self.elements[i].pushes : self.firsts[i + 1]]
+        return largest(slip) <= SLIDES * (1.0 + largest(state.v))
+
+    def _is_slow(self, i, state) -> bool:
+        """Whether a gap closes so slowly that it does not bounce."""
+        return -self._resting_speed(i, state) <= state.rates[self.firsts[i]] <= 0.0
+
+    def _rested(self, state, v, slow, held, closed):
+        """The velocity without slow rates of those elements that their accelerations then hold; None if there are none.
+
+        The friction of the joints `held`, which stuck before, is not overcome by impacts that are not resolved.
+        """
+        while slow:
+            moved, kept = self._tried(state, v, slow, held, closed)
+            if len(kept) == len(slow):
+                return moved
+            slow = kept
+        return None
+
+    def _tried(self, state, v, slow, held, closed):
+        """The velocity without these rates, and those of them that the accelerations then hold."""
+        rows = [self.firsts[i] for i in slow] + [self.firsts[j] for j in held]
+        for i in slow:
+            first, element = self.firsts[i], self.elements[i]
+            tangents = range(first + 1, first + element.size)
+            if np.linalg.norm((state.R @ v)[list(tangents)]) <= self._resting_speed(i, state):
+                rows += tangents
+        moved = state.pushed(v, rows)
+        if moved is None:
+            return None, []
+        after = self._rows(state.t, state.p, moved)
+        bound = APPROACH * (1.0 + largest(moved))
+        still_closed = {i for i in closed if abs(after.rates[self.firsts[i]]) <= bound}
+        modes, _ = self._decided(after, still_closed, set(), [Mode()] * len(self.elements))
+        return moved, [i for i in slow if i in still_closed and modes[i].kind != OPEN]
+
+    def _impact(self, state, closed):
+        """The velocity after an impact of these elements by Newton's law; it is recorded."""
+        rows, blocks, e, at = [], [], [], {}
+        for i in closed:
+            element, first = self.elements[i], self.firsts[i]
+            normal = len(rows)
+            at[i] = normal
+            rows.append(first)
+            blocks.append(Push(normal))
+            e.append(0.0 if self._is_slow(i, state) else element.restitution)
+            if element.tangents and element.static:
+                blocks.append(Grip(normal + 1, element.tangents, friction=element.kinetic, of=normal))
+                rows += range(first + 1, first + element.size)
+                e += [0.0] * element.tangents
+        R, response = state.R[rows], state.responses[:, rows]
+        A, u, factors = R @ response, state.rates[rows], np.array(e)
+        self._require_response(state, closed, at, A, u)
+        kinetic = state.kinetic(state.v)
+        for _ in range(60):
+            b = u + factors * np.minimum(u, 0.0) * np.isin(np.arange(len(u)), list(at.values()))
+            impulses, _, left = solve(A, b, blocks)
+            v = state.v + response @ impulses
+            lost = kinetic - state.kinetic(v)
+            if lost >= -GAIN * max(kinetic, state.kinetic(state.v - v)) or not factors.any():
+                break
+            factors = 0.5 * factors if factors.max() > 1e-6 else 0.0 * factors
+        if left > UNSOLVED:
+            names = ", ".join(repr(self.elements[i].name) for i in closed)
+            raise PinconsistError(
+                f"the impact of {names} at t = {state.t:.6g} has no solution by Newton's and Coulomb's laws"
+            )
+        self._record(state, closed, at, impulses, u, lost, False)
+        return v
+
+    def _require_response(self, state, closed, at, A, u):
+        for i in closed:
+            k = at[i]
+            free = state.free_response(self.firsts[i])
+            if u[k] < 0.0 and not A[k, k] > 1e-10 * free:
+                raise PinconsistError(
+                    f"the {self.elements[i].record.kind} {self.elements[i].name!r} is reached at t = {state.t:.6g}; "
+                    "no impulse can change its velocity, because loops or drives determine it; let a servo with limits "
+                    "move the joint instead of a drive"
+                )
+
+    def _record(self, state, closed, at, impulses, u, lost, jam):
+        found, speeds = {}, {}
+        for i in closed:
+            element, k = self.elements[i], at[i]
+            if (of := impulses[k : k + 1 + (element.tangents if element.static else 0)]).any():
+                found[element.name] = of.copy() if len(of) > 1 else float(of[0])
+                speeds[element.name] = float(-u[k])
+        self.impacts.append(Struck(float(state.t), found, speeds, float(lost), jam))
+
+    def _decided(self, state, closed, fired, before):
+        """The modes by the accelerations, and the velocity, which a jam changes."""
+        problem = _Accelerations(self, state, closed, fired, before)
+        kinetic = {i for i, what in fired if what == "cone"}
+        for _ in range(len(self.elements) + 1):
+            z, u, left = problem.solve(kinetic)
+            if left > UNSOLVED:
+                return self._jammed(problem, state, closed, before)
+            modes = problem.modes(z, u)
+            slips = {i for i, mode in enumerate(modes) if mode.kind == SLIP and i in problem.sticking}
+            if slips <= kinetic or not any(self.elements[i].kinetic < self.elements[i].static for i in slips - kinetic):
+                break
+            kinetic |= slips
+        return modes, state.v
+
+    def _jammed(self, problem, state, closed, before):
+        """The modes where no accelerations fit the laws: an impulse stops the sliding at once (Painlevé)."""
+        names = ", ".join(repr(self.elements[i].name) for i in sorted(closed))
+        rows, at = [], {}
+        for i in sorted(closed):
+            at[i] = len(rows)
+            rows += range(self.firsts[i], self.firsts[i + 1])
+        A = state.R[rows] @ state.responses[:, rows]
+        impulses = -np.linalg.lstsq(A, state.rates[rows], rcond=1e-12)[0]
+        v = state.v + state.responses[:, rows] @ impulses
+        fits = largest(impulses) > 0.0
+        for i in sorted(closed):
+            own = impulses[at[i] : at[i] + self.elements[i].size]
+            fits = fits and np.linalg.norm(own[1:]) <= self.elements[i].static * own[0] * (1.0 + 1e-9) + 1e-15
+        if not fits:
+            raise PinconsistError(
+                f"the contacts {names} have no solution at t = {state.t:.6g}: rigid bodies with so much friction jam"
+            )
+        self._record(
+            state, sorted(closed), at, impulses, state.rates[rows], state.kinetic(state.v) - state.kinetic(v), True
+        )
+        after = self._rows(state.t, state.p, v)
+        again = _Accelerations(self, after, closed, set(), [Mode()] * len(self.elements))
+        z, u, left = again.solve(set())
+        if left > UNSOLVED:
+            raise PinconsistError(f"the contacts {names} have no solution at t = {state.t:.6g}, nor after a jam")
+        return again.modes(z, u), v
+
+    def agree(self, t, p, v) -> bool:
+        """Whether the accelerations at a state call for the present modes: for redundant rows."""
+        modes, state = self.system.modes, self._rows(t, p, v)
+        problem = _Accelerations(self, state, self._closed_gaps(), set(), modes)
+        z, u, left = problem.solve({i for i, mode in enumerate(modes) if mode.kind == SLIP})
+        if left > UNSOLVED:
+            return False
+        found = problem.modes(z, u)
+        return all(one.kind == other.kind for one, other in zip(found, modes, strict=True))
+
+    # Where the present mode ends
+
+    def margin(self, t, p, v, lam) -> float:
+        """Falls from 1 to -1 where the accelerations call for other modes: for redundant rows."""
+        return 1.0 if self.agree(t, p, v) else -1.0
+
+    def watch(self):
+        """The functions that end the present mode, and what each is: pairs (element, ``gap``, ``push``, …)."""
+        watched, system, what = required().ContactWatch(self.every), self.system, []
+        for i, (element, mode) in enumerate(zip(self.elements, system.modes, strict=True)):
+            first, used = int(self.firsts[i]), system.used.get(i, {})
+            if mode.kind == OPEN:
+                if element.pushes:
+                    watched.add_gap(first, self._levels[i])
+                    what.append((i, "gap"))
+                continue
+            if element.pushes and 0 in used and not system.redundant:
+                watched.add_push(used[0])
+                what.append((i, "push"))
+            if mode.kind == STICK and not system.redundant:
+                beside = [place for row, place in used.items() if row >= element.pushes]
+                watched.add_cone(used.get(0, -1) if element.pushes else -1, beside, element.static)
+                what.append((i, "cone"))
+            if mode.kind == SLIP:
+                watched.add_speed(first + element.pushes, np.array(mode.direction), 0.0)
+                what.append((i, "speed"))
+        return watched, what
+
+
+def _weak(system, J) -> bool:
+    """Whether the kept rows of a known system are nearly dependent here."""
+    rows = [*range(system.base.nc)]
+    rows += [system.base.nc + int(system.firsts[i]) + row for i, used in system.used.items() for row in used]
+    if not rows:
+        return False
+    sizes = np.linalg.svd(J[rows] / np.linalg.norm(J[rows], axis=1)[:, None], compute_uv=False)
+    return len(rows) > J.shape[1] or sizes[-1] < 1e-6
+
+
+class _Instant:
+    """The equations at one state: rows of all elements, and the responses of the velocities to their forces."""
+
+    def __init__(self, modes: Modes, t, p, v):
+        self.t, self.p, self.v, self._modes = t, p, v, modes
+        self.M, self.f, self.J_loops, self.bias_loops = modes._loops.dynamics(t, p, v)
+        _, phi, self.R, rates = modes.every.evaluate(t, p, v, np.zeros(len(v)))
+        self.bias = modes.every.dynamics(t, p, v)[3]
+        self.rates, self.phi = rates, phi
+        self.gap = np.array([phi[first] for first in modes.firsts[:-1]])
+        self.J = np.vstack((self.J_loops, self.R))
+        n, m = self.M.shape[0], len(self.J_loops)
+        self._kkt = np.block([[self.M, -self.J_loops.T], [self.J_loops, np.zeros((m, m))]])
+        right = np.zeros((n + m, 1 + len(self.R)))
+        right[:, 0] = -np.concatenate((self.f, self.bias_loops))
+        right[:n, 1:] = self.R.T
+        try:
+            found = np.linalg.solve(self._kkt, right)
+        except np.linalg.LinAlgError:
+            found = np.linalg.lstsq(self._kkt, right, rcond=None)[0]
+        self.free, self.responses = found[:n, 0], found[:n, 1:]
+
+    def response(self, force):
+        """The accelerations that follow a force (nv,) or several (nv, k)."""
+        right = np.zeros((len(self._kkt), force.shape[1] if force.ndim > 1 else 1))
+        right[: len(self.v)] = force.reshape(len(self.v), -1)
+        found = np.linalg.lstsq(self._kkt, right, rcond=None)[0][: len(self.v)]
+        return found if force.ndim > 1 else found[:, 0]
+
+    def free_response(self, row) -> float:
+        """The response of a row without the loops."""
+        return float(self.R[row] @ np.linalg.lstsq(self.M, self.R[row], rcond=1e-13)[0])
+
+    def pushed(self, v, rows):
+        """The velocity nearest to `v` in the metric of M at which these rows have no rate; None if there is none."""
+        A = self.R[rows] @ self.responses[:, rows]
+        moved = v - self.responses[:, rows] @ np.linalg.lstsq(A, self.R[rows] @ v, rcond=1e-12)[0]
+        return moved if largest(self.R[rows] @ moved) <= APPROACH * (1.0 + largest(v)) else None
+
+    def kinetic(self, v) -> float:
+        return 0.5 * float(v @ self.M @ v)
+
+    def size_of_force(self, row) -> float:
+        """The size of the force along a row that could balance the other forces."""
+        n = np.abs(self.R[row])
+        return float(n @ np.abs(self.f)) / max(float(n @ n), 1e-300)
+
+    def acceleration(self, row) -> float:
+        """That of a row without forces of contacts."""
+        return float(self.R[row] @ self.free + self.bias[row])
+
+
+class _Accelerations:
+    """The complementarity problem of the accelerations at an instant.
+
+    ``sticking`` are the elements whose tangents are at rest: these may stick. Those that slide have a fixed direction.
+    """
+
+    def __init__(self, modes: Modes, state: _Instant, closed, fired, before):
+        self._modes, self._state, self._fired, self._before = modes, state, fired, before
+        ended = {i for i, what in fired if what == "speed"}
+        flat, deep = SLIDES * (1.0 + largest(state.v)), modes.still
+        self.sliding: dict[int, np.ndarray] = {}
+        self.sticking, self._closed = set(), sorted(closed)
+        for i, element in enumerate(modes.elements):
+            if not element.tangents or not element.static or (element.pushes and i not in closed):
+                continue
+            first = modes.firsts[i] + element.pushes
+            slip = state.rates[first : modes.firsts[i + 1]]
+            speed = float(np.linalg.norm(slip))
+            if before[i].kind != STICK and i not in ended and speed > (flat if element.tangents == 1 else deep):
+                self.sliding[i] = slip / speed
+            else:
+                self.sticking.add(i)
+
+    def solve(self, kinetic):
+        """(z, u, residual); elements of `kinetic` have their kinetic friction."""
+        modes, state = self._modes, self._state
+        rows, columns, blocks, force = [], [], [], np.zeros(len(state.v))
+        self.normal, self.tangent = {}, {}
+        for i in self._closed:
+            element, first = modes.elements[i], modes.firsts[i]
+            self.normal[i] = len(rows)
+            blocks.append(Push(len(rows)))
+            rows.append(first)
+            column = state.responses[:, first]
+            if i in self.sliding:
+                T = state.responses[:, first + 1 : modes.firsts[i + 1]]
+                column = column - element.kinetic * (T @ self.sliding[i])
+            columns.append(column)
+            if i in self.sticking:
+                self.tangent[i] = range(len(rows), len(rows) + element.tangents)
+                friction = element.kinetic if i in kinetic else element.static
+                blocks.append(Grip(len(rows), element.tangents, friction=friction, of=self.normal[i]))
+                rows += range(first + 1, modes.firsts[i + 1])
+                columns += list(state.responses[:, first + 1 : modes.firsts[i + 1]].T)
+        for i, element in enumerate(modes.elements):
+            if element.pushes or not element.static:
+                continue
+            first = modes.firsts[i]
+            if i in self.sliding:
+                force[element.column] -= element.kinetic * self.sliding[i][0]
+                continue
+            self.tangent[i] = range(len(rows), len(rows) + 1)
+            blocks.append(Grip(len(rows), 1, limit=element.kinetic if i in kinetic else element.static))
+            rows.append(first)
+            columns.append(state.responses[:, first])
+        if not rows:
+            return np.zeros(0), np.zeros(0), 0.0
+        free = state.free + (state.response(force) if force.any() else 0.0)
+        b = state.R[rows] @ free + state.bias[rows]
+        A = state.R[rows] @ np.column_stack(columns)
+        self._scale = largest(b)
+        return solve(A, b, blocks)
+
+    def modes(self, z, u):
+        """The modes of a solution."""
+        modes, result = self._modes, [Mode()] * len(self._modes.elements)
+        most = largest(z[list(self.normal.values())]) if self.normal else 0.0
+        for i, element in enumerate(modes.elements):
+            if element.pushes:
+                if i not in self.normal:
+                    continue
+                push = z[self.normal[i]]
+                bar = TIE * max(most, self._state.size_of_force(modes.firsts[i])) if (i, "push") in self._fired else 0.0
+                if push <= max(bar, 1e-12 * most):
+                    continue
+            if not element.tangents or not element.static:
+                result[i] = Mode(CLOSED) if element.pushes else Mode()
+            elif i in self.sliding:
+                result[i] = Mode(SLIP, direction=tuple(self.sliding[i].tolist()))
+            else:
+                result[i] = self._of_tangents(i, element, z, u)
+        return result
+
+    def _of_tangents(self, i, element, z, u):
+        """Whether an element whose tangents are at rest sticks, or begins to slide and in which direction."""
+        own = list(self.tangent[i])
+        moves, force = u[own], z[own]
+        speed = float(np.linalg.norm(moves))
+        if speed > STICKS * self._scale:
+            return Mode(SLIP, direction=tuple((moves / speed).tolist()))
+        size, limit = float(np.linalg.norm(force)), element.kinetic * (z[self.normal[i]] if element.pushes else 1.0)
+        if (i, "cone") in self._fired and size >= (1.0 - TIE) * limit > 0.0:
+            return Mode(SLIP, direction=tuple((-force / size).tolist()))
+        if self._before[i].kind == STICK:
+            return self._before[i]
+        first = self._modes.firsts[i] + element.pushes
+        return Mode(STICK, at=tuple(self._stuck_at(i, first)))
+
+    def _stuck_at(self, i, first):
+        return self._state.phi[first : self._modes.firsts[i + 1]].tolist()
