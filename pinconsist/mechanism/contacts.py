@@ -43,7 +43,7 @@ class ContactRecord:
     kind: ClassVar[str]
 
     def elements(self, model) -> list[Element]:
-        """The elements on a model; InputError for unknown joints and frames."""
+        """The elements on a `model`; raises InputError for unknown joints and frames."""
         raise NotImplementedError
 
 
@@ -191,7 +191,23 @@ class Rope(_Between):
 class Strut(_Between):
     """A strut without mass between two points: their distance is at least its length, and it can only push.
 
-    So do two spheres: ``length`` is then the sum of their radii. Parameters and errors are those of :class:`Rope`.
+    So do two spheres: ``length`` is then the sum of their radii.
+
+    Parameters
+    ----------
+    name, frame1, frame2 : str
+        Its name, and frames of the model; ``"universe"`` is the ground.
+    length : float
+        m.
+    xyz1, xyz2 : tuple of 3 float
+        The points in their frames, m.
+    restitution : float
+        Of the impact when the distance is reached, from 0 to 1.
+
+    Raises
+    ------
+    InputError
+        Numbers that cannot be used; on a model, unknown frames, or two on one body.
     """
 
     name: str
