@@ -1,6 +1,7 @@
 """Loops in the words of other programs: each is the loop that it means, where the file says it."""
 
 import json
+import re
 
 import numpy as np
 import pinocchio as pin
@@ -201,6 +202,23 @@ def test_plugins_of_mimic_joints_and_of_closed_loops(robot):
     mech = pc.load(robot(CRANK_ROCKER + plugin))
     assert (mech.loops[0].kind, mech.loops[0].xyz2, mech.loops[0].axis) == ("hinge", TIP, (0.0, 1.0, 0.0))
     assert closes(mech, mech.loops[0])
+
+
+def test_the_mimic_plugin_of_a_fixed_joint_is_counted(robot):
+    """Reduced models of robots have them."""
+    text = link("tool") + joint("mount", "coupler", "tool", kind="fixed", inside="")
+    text += """<gazebo><plugin filename="libmimic.so" name="m"><joint>j1</joint><mimicJoint>mount</mimicJoint></plugin>
+    </gazebo>"""
+    mech = pc.load(robot(CRANK_ROCKER + text))
+    assert mech.loops == () and "1 mimic plugin of a fixed joint" in mech.ignored
+
+
+def test_a_declaration_below_a_comment_is_read(robot):
+    """As TinyXML of Gazebo does."""
+    path = robot(CRANK_ROCKER)
+    text = re.sub(r"<\?xml.*?\?>", "", path.read_text())
+    path.write_text(f"<!-- a licence -->\n\n<?xml version='1.0' ?>\n{text}")
+    assert len(pc.load(path).joints) == 3
 
 
 def test_a_plugin_that_repeats_a_mimic_is_not_a_second_coupling(robot):

@@ -311,13 +311,19 @@ BAD_MIMICS = {
         pair().replace('name="j" type="continuous">', 'name="j" type="continuous"><mimic joint="k"/>'),
         "joints follow each other in a cycle: j → k → j",
     ),
-    "fixed": (pair(kind="fixed"), "joint 'k': mimic: joint 'k' is fixed and cannot follow another"),
     "of fixed": (pair(other="fixed"), "joint 'k': mimic: joint 'j' is fixed and cannot be followed"),
     "floating": (pair(other="floating"), "joint 'j' is floating and cannot be followed"),
     "multiplier": (pair('<mimic joint="j" multiplier="x"/>'), "joint 'k': mimic: multiplier='x' is not a finite"),
     "offset": (pair('<mimic joint="j" offset="nan"/>'), "joint 'k': mimic: offset='nan' is not a finite"),
     "two": (pair('<mimic joint="j"/><mimic joint="j"/>'), "joint 'k': mimic: a joint can follow only one other joint"),
 }
+
+
+def test_the_mimic_of_a_fixed_joint_is_told(robot):
+    """Reduced models of robots have them; the joint stays fixed."""
+    with pytest.warns(UserWarning, match="mimic"):
+        mech = pc.load(robot(pair(kind="fixed")))
+    assert mech.joints == ("j",) and not mech.loops
 
 
 @pytest.mark.parametrize(("body", "message"), BAD_MIMICS.values(), ids=BAD_MIMICS)

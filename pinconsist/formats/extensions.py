@@ -22,12 +22,12 @@ WORLDS = ("world", "World", "::world", "map", GROUND)
 class Names:
     """The names of a robot's file, as its extensions use them.
 
-    `frames` are those that only extensions refer to: name → (link, place on it).
+    `frames` are those that only extensions refer to: name → (link, place on it). `fixed` are joints that do not move.
     """
 
-    def __init__(self, title: str, links: Iterable[str], joints: Iterable[str], frames=None):
+    def __init__(self, title: str, links: Iterable[str], joints: Iterable[str], frames=None, fixed=()):
         self.title, self.links, self.joints = title, tuple(links), tuple(joints)
-        self.frames = dict(frames or {})
+        self.frames, self.fixed = dict(frames or {}), frozenset(fixed)
 
     def link(self, name: str, element: str) -> str:
         """The frame of a link; the ground for the world. Names may have the model's as a prefix."""

@@ -67,6 +67,9 @@ def _detachable(node, names, ignored):
 
 
 def _mimic(node, names, ignored):
+    if word(node, "mimicJoint") in names.fixed:
+        ignored.add("mimic plugin of a fixed joint")
+        return
     follower, leader = names.joint(word(node, "mimicJoint"), node.name), names.joint(word(node, "joint"), node.name)
     if follower == leader:
         raise node.error("the joint follows itself")

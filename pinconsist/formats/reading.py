@@ -139,6 +139,9 @@ def floats(text: str, count: int, element: str, label: str = "", largest: float 
     return values
 
 
+_DECLARATION = re.compile(rb"<\?xml\s.*?\?>", re.DOTALL)
+
+
 def parsed(content: bytes) -> Element:
     """The root element of an XML document; FormatError if it is invalid or has document types or entities."""
     from defusedxml import DefusedXmlException
@@ -152,6 +155,8 @@ def parsed(content: bytes) -> Element:
         if "unbound prefix" in str(error) and (bound := _with_prefixes_bound(content)) != content:
             return parsed(bound)
         plain = _without_comments(content)
+        if plain == content and "declaration not at start" in str(error):  # below a comment or an empty line
+            plain = _DECLARATION.sub(b"", content, count=1)
         if plain != content:
             return parsed(plain)
         raise FormatError(f"not well-formed XML: {error}") from error

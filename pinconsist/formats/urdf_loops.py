@@ -111,7 +111,8 @@ def refuse_foreign(robot: Element, content) -> None:
 def joined(robot: Element, model, ignored) -> Iterator:
     """The loops, couplings and forces of all extensions of a parsed ``<robot>``, with a model of its tree."""
     links = [link.get("name") for link in robot.findall("link")]
-    names = Names(robot.get("name", ""), links, list(model.names)[1:], _frames(robot))
+    fixed = [joint.get("name") for joint in robot.findall("joint") if joint.get("type") == "fixed"]
+    names = Names(robot.get("name", ""), links, list(model.names)[1:], _frames(robot), fixed)
     top, leaders = Node(robot), {}
     for coupling in couplings(robot):
         leaders[coupling.joint] = coupling
@@ -320,6 +321,9 @@ def couplings(robot: Element) -> tuple[Coupling, ...]:
     for joint in Node(robot).children("joint"):
         name = joint.get("name")
         nodes = joint.children("mimic")
+        if nodes and kinds[name] == "fixed":  # a reduced model, in which it is left over
+            warn(f"joint {name!r}: <mimic> has no effect, as the joint is fixed")
+            continue
         for node in nodes:
             node.name = f"joint {name!r}: mimic"
             if len(nodes) > 1:
