@@ -252,6 +252,8 @@ class BdfStepper(Stepper):
 
     def begin(self, t, p, v, t_end, known=None):
         self._charts(p)
+        if known is None and self.method.consistency == "every-step":
+            p, v = self.index1.projected(t, p, v)
         a, lam = known or self.index1.acceleration(t, p, v)
         failure, states = self._core.begin(self._compiled, t, p, v, a, lam, t_end)
         if failure:
