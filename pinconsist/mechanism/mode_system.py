@@ -127,7 +127,7 @@ class ModeSystem(MechanismSystem):
         """Distribute the forces among rows that depend on each other, so that each obeys its law."""
         blocks, rows = self._laws()
         for position, forces in [(q, own)] if own.ndim == 1 else zip(q, own, strict=True):
-            if not forces.any() or self._obey(forces):
+            if not forces.any() or self.obeys(forces):
                 continue
             R = self.every.rows(position)[1]
             total = forces[rows] @ R[rows]
@@ -152,7 +152,8 @@ class ModeSystem(MechanismSystem):
                 blocks.append(Grip(*own, **law))
         return blocks, rows
 
-    def _obey(self, forces) -> bool:
+    def obeys(self, forces) -> bool:
+        """Whether the forces of all elements obey their laws: those of gaps push, and friction is below its limit."""
         small = SHARED * np.abs(forces).max()
         for i, element in enumerate(self.elements):
             own = forces[self.firsts[i] : self.firsts[i + 1]]

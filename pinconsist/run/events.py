@@ -227,7 +227,7 @@ class EventWatch:
         """Watch for the end of the present mode of contacts."""
         watched, ends = self.modes.watch()
         asked = tuple(Event(self.modes.margin, name="contacts") for _ in range(self.modes.system.redundant))
-        multipliers = any(self._may_read) or any(what in ("push", "cone") for _, what in ends)
+        multipliers = any(self._may_read) or bool(asked) or any(what in ("push", "cone") for _, what in ends)
         self._made_of = (*self.events, *asked), multipliers, self._interrupted, stepper.full_multipliers, watched
         self._every = (*self.events, *(ContactEvent(None, "agree") for _ in asked), *(ContactEvent(*of) for of in ends))
         self.signs = stepper.signs(*self._made_of)

@@ -398,7 +398,12 @@ class Modes:
     # Where the present mode ends
 
     def margin(self, t, p, v, lam) -> float:
-        """Falls from 1 to -1 where the accelerations call for other modes: for redundant rows."""
+        """Falls from 1 to -1 where the accelerations call for other modes: for redundant rows.
+
+        If the forces of the present modes, distributed among dependent rows, obey their laws, these modes are right.
+        """
+        if self.system.obeys(lam[self.base.rows.nc :]):
+            return 1.0
         return 1.0 if self.agree(t, p, v) else -1.0
 
     def watch(self):
