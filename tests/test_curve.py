@@ -181,3 +181,12 @@ def test_bad_curves_are_named():
     ):
         with pytest.raises(pc.InputError, match=told):
             pc.Curve(*arguments)
+
+
+def test_bdf_goes_on_behind_a_knot_where_all_is_driven():
+    """The velocity before the knot is that of the other piece; from there no step passed the error test."""
+    law = pc.Curve((0.1, 0.4, 0.5, 1.1), (-1.0, -0.8, -0.9, -0.5))
+    mech = pc.load("four_bar").add_loops(pc.Drive("d", "crank", law))
+    sol = pc.simulate(mech, (0.0, 1.2), method="BDF")
+    assert sol.success, sol.message
+    np.testing.assert_allclose(sol.q[:, 0], [law(t) for t in sol.t], atol=1e-9)
