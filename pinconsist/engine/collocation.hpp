@@ -31,7 +31,8 @@ struct Shape {
   // Table.coefficients of engine/radau_table.py.
   void coefficients(Mat &out) const {
     const auto s = W.cols();
-    Mat all(W.rows(), s + 1), plain;
+    static thread_local Mat all, plain;
+    all.resize(W.rows(), s + 1);
     all << start, W.leftCols(s - 1), end;
     combine(all, table->raised, out);
     combine(W, table->modes, plain);
@@ -53,7 +54,8 @@ struct Shape {
   // Their polynomial at the stages of another step.
   void predict(Stages &stages) const {
     const int n = table->s + 1;
-    Mat of_modes, values(stages.size(), n);
+    static thread_local Mat of_modes, values;
+    values.resize(stages.size(), n);
     coefficients(of_modes);
     for (int i = 0; i < stages.size(); ++i) values.row(i) = legendre((stages.time(i) - t) / h, n).transpose();
     combine(of_modes, values, stages.W);

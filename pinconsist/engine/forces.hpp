@@ -2,6 +2,7 @@
 #pragma once
 
 #include "axes.hpp"
+#include "state_lanes.hpp"
 
 #include <algorithm>
 #include <memory>
@@ -16,6 +17,8 @@ struct Force {
   virtual void add_torque(const Data &data, double t, const Vec &q, const Vec &v, Vec &tau) const = 0;
   // D -= ∂τ/∂v, K -= ∂τ/∂q
   virtual void linearize(const Data &, double, const Vec &, const Vec &, Mat &, Mat &) const {}
+  // Add it to those that are evaluated in lanes; false if it cannot be.
+  virtual bool add_to(LaneTree &) const { return false; }
   // Elastic energy, of springs.
   virtual double stored(const Data &, const Vec &) const { return 0.0; }
   virtual bool on_bodies() const { return false; }
@@ -233,6 +236,17 @@ public:
         K(columns_[i].index, columns_[j].index) += by_q;
       }
     }
+  }
+
+  bool add_to(LaneTree &tree) const override {
+    std::vector<std::pair<int, double>> columns;
+    std::vector<int> joints;
+    for (const auto &column : columns_) {
+      columns.emplace_back(column.index, column.sign);
+      joints.push_back(column.joint);
+    }
+    tree.add_spring(joint1_, place1_.translation(), joint2_, place2_.translation(), stiffness_, length_, damping_, shortest_, columns, joints);
+    return true;
   }
 
   double stored(const Data &data, const Vec &) const override {

@@ -1,6 +1,8 @@
 // The block matrix [[A, -c G], [W, 0]] of engine/kkt.py: workspace, factors, solutions.
 #pragma once
 
+#include "lanes.hpp"
+
 #include <Eigen/Dense>
 
 #include <cmath>
@@ -16,7 +18,7 @@ struct Lapack {
   using Solve = void (*)(char *, int *, int *, double *, int *, int *, double *, int *, int *);
   static inline Factorise factorise = nullptr;
   static inline Solve solve = nullptr;
-  static constexpr int LARGE = 24, SLOW = 100000; // unknowns; squared, times right-hand sides
+  static constexpr int LARGE = 45, SLOW = 100000; // unknowns; squared, times right-hand sides
 };
 
 // Factors of a square matrix, with row pivots.
@@ -29,31 +31,19 @@ public:
   // False if the matrix is singular.
   bool factorise(const Eigen::MatrixXd &matrix) {
     lu_ = matrix;
+    return factorise_numbers();
+  }
+
+  // The same of a matrix that was written to `numbers`, column by column.
+  double *numbers() { return lu_.data(); }
+  bool factorise_numbers() {
     if (n_ >= Lapack::LARGE) {
       int n = n_, info = 0;
       Lapack::factorise(&n, &n, lu_.data(), &n, pivots_.data(), &info);
       if (info == 0) inverses_ = lu_.diagonal().cwiseInverse();
       return info == 0;
     }
-    for (int k = 0; k < n_; ++k) {
-      double *column = &lu_(0, k);
-      int pivot = k;
-      for (int i = k + 1; i < n_; ++i)
-        if (std::abs(column[i]) > std::abs(column[pivot])) pivot = i;
-      pivots_[k] = pivot + 1;
-      if (column[pivot] == 0.0) return false;
-      if (pivot != k)
-        for (int j = 0; j < n_; ++j) std::swap(lu_(k, j), lu_(pivot, j));
-      const double inverse = inverses_[k] = 1.0 / column[k];
-      for (int i = k + 1; i < n_; ++i) column[i] *= inverse;
-      for (int j = k + 1; j < n_; ++j) {
-        double *other = &lu_(0, j);
-        const double factor = other[k];
-        if (factor != 0.0)
-          for (int i = k + 1; i < n_; ++i) other[i] -= factor * column[i];
-      }
-    }
-    return true;
+    return lanes::kernel().factorise(lu_.data(), n_, pivots_.data(), inverses_.data());
   }
 
   // The logarithm of the determinant's size, and whether it is negative.
@@ -69,8 +59,7 @@ public:
 
   void substitute(double *x, int columns) const {
     if (n_ < Lapack::LARGE || static_cast<double>(n_) * n_ * columns < Lapack::SLOW) {
-      for (; n_ < Lapack::LARGE && columns > 1; columns -= 2, x += 2 * n_) substitute_two(x);
-      for (; columns > 0; --columns, x += n_) substitute(x);
+      lanes::kernel().substitute(lu_.data(), n_, pivots_.data(), inverses_.data(), x, columns);
     } else {
       char plain = 'N';
       int n = n_, info = 0;
@@ -91,36 +80,6 @@ public:
   }
 
 private:
-  void substitute(double *x) const {
-    for (int k = 0; k < n_; ++k) std::swap(x[k], x[pivots_[k] - 1]);
-    for (int k = 0; k < n_; ++k) {
-      const double *column = &lu_(0, k);
-      const double value = x[k];
-      if (value != 0.0)
-        for (int i = k + 1; i < n_; ++i) x[i] -= value * column[i];
-    }
-    for (int k = n_; k-- > 0;) {
-      const double *column = &lu_(0, k);
-      const double value = x[k] *= inverses_[k];
-      for (int i = 0; i < k; ++i) x[i] -= value * column[i];
-    }
-  }
-
-  // Two columns with few unknowns, side by side.
-  void substitute_two(double *x) const {
-    Eigen::Array2d rows[Lapack::LARGE];
-    for (int k = 0; k < n_; ++k) rows[k] << x[k], x[n_ + k];
-    for (int k = 0; k < n_; ++k) std::swap(rows[k], rows[pivots_[k] - 1]);
-    for (int k = 0; k < n_; ++k)
-      for (int i = k + 1; i < n_; ++i) rows[i] -= rows[k] * lu_(i, k);
-    for (int k = n_; k-- > 0;) {
-      rows[k] *= inverses_[k];
-      for (int i = 0; i < k; ++i) rows[i] -= rows[k] * lu_(i, k);
-      x[k] = rows[k][0];
-      x[n_ + k] = rows[k][1];
-    }
-  }
-
   int n_;
   Eigen::MatrixXd lu_;
   Eigen::VectorXd inverses_; // of its diagonal: divisions are slow

@@ -68,6 +68,7 @@ public:
     difference_step = std::min(difference_step, rows->difference_step());
     slides_ |= rows->slides();
     rows_.push_back({std::move(rows), at});
+    lane_tree_.reset();
     size_rows();
   }
   void add_force(std::unique_ptr<Force> force) {
@@ -76,6 +77,7 @@ public:
     force->narrow(widths);
     sharp |= force->sharp();
     forces_.push_back(std::move(force));
+    lane_tree_.reset();
   }
   void add_constant(const Vec &torque) { constant_ += torque; }
   void add_damping(const Vec &coefficients) { damping_ += coefficients; }
@@ -284,7 +286,94 @@ public:
     });
   }
 
+  const lanes::Tree *in_lanes() override {
+    if (calls_python_ || !axes_.empty()) return nullptr;
+    if (!lane_tree_) {
+      lane_tree_ = LaneTree::of(model_, nc, damping_, constant_);
+      if (!lane_tree_) return nullptr;
+      other_rows_.clear();
+      for (const auto &[rows, at] : rows_)
+        if (!rows->add_to(*lane_tree_, at)) other_rows_.push_back({rows.get(), at});
+      other_forces_.clear();
+      others_on_bodies_ = !other_rows_.empty();
+      for (const auto &force : forces_) {
+        if (force->add_to(*lane_tree_)) continue;
+        other_forces_.push_back(force.get());
+        others_on_bodies_ |= force->on_bodies();
+      }
+    }
+    return &lane_tree_->settle();
+  }
+
+  void evaluate_lanes(const Vec &times, StateLanes &states, bool derivatives) override {
+    lanes::Fields &fields = states.fields;
+    states.kernel().evaluate(states.tree(), fields, derivatives);
+    const int last = states.states() - 1;
+    const bool others = !other_rows_.empty() || !other_forces_.empty(), on_bodies = others_on_bodies_;
+    for (int i = 0; i <= last && others; ++i) {
+      if (on_bodies) show_bodies(states, i);
+      add_others(times[i], states, i, derivatives);
+    }
+    show(states, last);
+    if (derivatives && !on_bodies) show_bodies(states, last);
+    if (derivatives && !other_forces_.empty()) fields.filled = true;
+  }
+
 protected:
+  // Takes over f, Φ, J of a state.
+  void show(const StateLanes &states, int i) {
+    const lanes::Fields &fields = states.fields;
+    states.get(fields.f, nv, i, f.data());
+    states.get(fields.phi, nc, i, phi.data());
+    for (int row = 0; row < nc; ++row)
+      for (int k = 0; k < nv; ++k) W(row, k) = states.at(fields.J, static_cast<long>(nc) * nv, row * nv + k, i);
+  }
+
+  // Takes over poses and Jacobians of the joints.
+  void show_bodies(const StateLanes &states, int i) {
+    const lanes::Fields &fields = states.fields;
+    const Vector3d origin(fields.origin[0], fields.origin[1], fields.origin[2]);
+    Eigen::Matrix<double, 12, 1> pose;
+    for (int joint = 1; joint < model_.njoints; ++joint) {
+      double *first = &states.at(fields.poses, 12 * (model_.njoints - 1), 12 * (joint - 1), i);
+      for (int k = 0; k < 12; ++k) pose[k] = first[k * states.kernel().width];
+      const Eigen::Map<const Matrix3d> R(pose.data());
+      data_.oMi[joint] = SE3(Matrix3d(R * lane_tree_->aligned(joint).transpose()), Vector3d(pose.tail<3>() + origin));
+    }
+    for (int k = 0; k < nv; ++k) {
+      double *first = &states.at(fields.twists, 6 * nv, 6 * k, i);
+      for (int c = 0; c < 6; ++c) data_.J(c, k) = first[c * states.kernel().width];
+      data_.J.col(k).head<3>() += origin.cross(Vector3d(data_.J.col(k).tail<3>()));
+    }
+  }
+
+  // Rows and forces that are evaluated state by state.
+  void add_others(double t, StateLanes &states, int i, bool derivatives) {
+    lanes::Fields &fields = states.fields;
+    p_.resize(npos);
+    v_.resize(nv);
+    states.get(fields.q, npos, i, p_.data());
+    states.get(fields.v, nv, i, v_.data());
+    if (!other_rows_.empty()) {
+      other_phi_.setZero(nc);
+      other_J_.setZero(nc, nv);
+      for (const auto &[rows, at] : other_rows_) rows->evaluate(data_, t, p_, at, other_phi_, other_J_);
+      states.add(fields.phi, nc, i, other_phi_.data());
+      other_rows_transposed_ = other_J_.transpose();
+      states.add(fields.J, static_cast<long>(nc) * nv, i, other_rows_transposed_.data());
+    }
+    if (other_forces_.empty()) return;
+    tau_.setZero();
+    for (const auto *force : other_forces_) force->add_torque(data_, t, p_, v_, tau_);
+    states.add(fields.f, nv, i, tau_.data(), -1.0);
+    if (!derivatives) return;
+    other_D_.setZero(nv, nv);
+    other_K_.setZero(nv, nv);
+    for (const auto *force : other_forces_) force->linearize(data_, t, p_, v_, other_D_, other_K_);
+    states.add(fields.D, i, other_D_);
+    states.add(fields.K, i, other_K_);
+  }
+
   // Poses and Jacobians of the joints, after rnea, which computes poses only relative to the parents.
   void find_jacobians() {
     for (int i = 1; i < model_.njoints; ++i)
@@ -412,6 +501,12 @@ private:
   Mat Gt_; // of contacts that slide
   std::vector<std::pair<std::unique_ptr<Rows>, int>> rows_;
   Mat by_v_, by_q_; // of all forces; kept for later steps
+  std::optional<LaneTree> lane_tree_;
+  std::vector<std::pair<const Rows *, int>> other_rows_; // evaluated state by state
+  std::vector<const Force *> other_forces_;
+  bool others_on_bodies_ = false;
+  Vec p_, v_, other_phi_;
+  Mat other_J_, other_rows_transposed_, other_D_, other_K_;
 };
 
 } // namespace pinconsist

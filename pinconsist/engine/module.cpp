@@ -78,6 +78,12 @@ NB_MODULE(_engine, m) {
     return all;
   });
   m.def("set_constant", [](const std::string &name, double value) { *constants().at(name) = value; }); // for benchmarks
+  m.def("instruction_sets", [] { // for which the evaluation of several states was compiled, and that this processor has
+    const char *names[lanes::MOST_KERNELS];
+    const int number = lanes::names(names);
+    return std::vector<std::string>(names, names + number);
+  });
+  m.def("use_instruction_set", &lanes::use); // for tests; "" is the best; runs that exist keep theirs
   m.def("use_lapack", [](nb::capsule factorise, nb::capsule solve) {
     Lapack::factorise = reinterpret_cast<Lapack::Factorise>(factorise.data());
     Lapack::solve = reinterpret_cast<Lapack::Solve>(solve.data());
@@ -190,6 +196,25 @@ NB_MODULE(_engine, m) {
            })
       .def("gaps", &MechanismSystem::gaps)
       .def("complete", &MechanismSystem::complete)
+      .def("evaluate_at_once", // f, Φ, J, M, D, K of states, one a row or matrix; None if they are not evaluated in lanes
+           [](MechanismSystem &s, const Vec &t, const Table &p, const Table &v, const Table &a) -> nb::object {
+             const lanes::Tree *tree = s.in_lanes();
+             if (!tree) return nb::none();
+             const int n = static_cast<int>(t.size());
+             StateLanes states;
+             states.use(*tree, n);
+             for (int i = 0; i < n; ++i) states.set(i, &p(i, 0), &v(i, 0), &a(i, 0));
+             s.evaluate_lanes(t, states, true);
+             const auto all = [&](const double *numbers, long items) {
+               Table table(n, items);
+               for (int i = 0; i < n; ++i) states.get(numbers, items, i, &table(i, 0));
+               return table;
+             };
+             const lanes::Fields &of = states.fields;
+             const long square = static_cast<long>(s.nv) * s.nv;
+             return nb::make_tuple(all(of.f, s.nv), all(of.phi, s.nc), all(of.J, static_cast<long>(s.nc) * s.nv),
+                                   all(of.M, square), all(of.D, square), all(of.K, square));
+           })
       .def("linearize", [](MechanismSystem &s, double t, const Vec &p, const Vec &v, const Vec &a, double c) {
         s.evaluate(t, p, v, a);
         Mat A(s.nv, s.nv);

@@ -5,35 +5,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <type_traits>
 #include <vector>
 
 namespace pinconsist {
 
 // out = scale x weightsᵀ: combinations of a few columns.
 inline void combine(const Mat &x, const Mat &weights, Mat &out, double scale = 1.0) {
-  const Eigen::Index n = x.rows();
-  out.resize(n, weights.rows());
-  const auto product = [n, scale, x = x.data(), w = weights.data(), out = out.data()](auto rows, auto columns) {
-    for (Eigen::Index k = 0; k < n; ++k) {
-      double sums[rows.value] = {};
-      for (int j = 0; j < columns; ++j)
-        for (int i = 0; i < rows; ++i) sums[i] += w[j * rows + i] * x[j * n + k];
-      for (int i = 0; i < rows; ++i) out[i * n + k] = scale * sums[i];
-    }
-  };
-  const auto unrolled = [&](auto rows) { // loops over stages, and one more value, are unrolled
-    if (x.cols() == rows) product(rows, rows);
-    else product(rows, std::integral_constant<int, rows.value + 1>());
-  };
-  const Eigen::Index rows = weights.rows(), more = x.cols() - rows;
-  if (rows < 3 || rows > 8 || more < 0 || more > 1) out = scale * x.lazyProduct(weights.transpose());
-  else if (rows == 3) unrolled(std::integral_constant<int, 3>());
-  else if (rows == 4) unrolled(std::integral_constant<int, 4>());
-  else if (rows == 5) unrolled(std::integral_constant<int, 5>());
-  else if (rows == 6) unrolled(std::integral_constant<int, 6>());
-  else if (rows == 7) unrolled(std::integral_constant<int, 7>());
-  else unrolled(std::integral_constant<int, 8>());
+  const int n = static_cast<int>(x.rows()), columns = static_cast<int>(x.cols()), rows = static_cast<int>(weights.rows());
+  out.resize(n, rows);
+  lanes::kernel().combine(x.data(), n, columns, weights.data(), rows, scale, out.data());
 }
 
 // aᵀ b, with its columns `apart` numbers from one another.

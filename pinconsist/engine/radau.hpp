@@ -40,7 +40,7 @@ public:
   double rate = 0.0; // contraction of the iteration, 0 if one was enough
 
   StageNewton(System &system, const Switches &switches)
-      : stages(system), system_(system), matrix_(system, stages, switches),
+      : stages(system, switches.lanes ? system.in_lanes() : nullptr), system_(system), matrix_(system, stages, switches),
         eager_(switches.iteration_forecast) {}
 
   // Change the number of stages.

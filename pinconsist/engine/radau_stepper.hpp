@@ -312,8 +312,14 @@ private:
     return {of.table, of.t, of.h, of.W, start, end};
   }
   void keep_shape(const Vec &end) {
+    const Stages &of = newton.stages; // assigned one by one: nothing is allocated
     shaped_ = true;
-    shape_ = solved_shape(a, end);
+    shape_.table = of.table;
+    shape_.t = of.t;
+    shape_.h = of.h;
+    shape_.W = of.W;
+    shape_.start = a;
+    shape_.end = end;
   }
 
   // Results of a step that ends at this state.
@@ -333,7 +339,8 @@ private:
     v1_ = newton.stages.V.col(last);
     ++newton.nlu;
     estimate(modes);
-    rhs_.setZero(nv + nc, 2 + modes);
+    rhs_.setZero(nv + nc, 2);
+    all_rhs_.setZero(nv + nc, 2 + modes);
     bool closed = false, moved = false;
     for (int turn = 0; turn < static_cast<int>(CLOSINGS) && !closed; ++turn) {
       system_.constraint(t1, p1_, v1_);
@@ -343,10 +350,11 @@ private:
       rhs_.col(1).tail(nc) = system_.phi;
       if (turn == 0) {
         system_.mass_matrix(t1, p1_, v1_, kkt_.A());
-        for (int m = 0; m < modes; ++m) rhs_.col(2 + m).tail(nc) = system_.W.lazyProduct(modes_.col(m));
-        if (!kkt_.solve_new(system_.W, system_.G_transposed(), 1.0, rhs_)) return Failure::singular;
-        for (int m = 0; m < modes && nc < nv; ++m) modes_.col(m) -= rhs_.col(2 + m).head(nv);
-        rhs_.conservativeResize(nv + nc, 2);
+        all_rhs_.leftCols(2) = rhs_;
+        for (int m = 0; m < modes; ++m) all_rhs_.col(2 + m).tail(nc) = system_.W.lazyProduct(modes_.col(m));
+        if (!kkt_.solve_new(system_.W, system_.G_transposed(), 1.0, all_rhs_)) return Failure::singular;
+        for (int m = 0; m < modes && nc < nv; ++m) modes_.col(m) -= all_rhs_.col(2 + m).head(nv);
+        rhs_ = all_rhs_.leftCols(2);
       } else {
         kkt_.solve(rhs_, 1.0);
       }
@@ -571,7 +579,7 @@ private:
   bool shaped_ = false;
   Shape shape_;
   Collocations::value_type last_;
-  Mat modes_, coefficients_, rhs_, between_, between_v_;
+  Mat modes_, coefficients_, rhs_, all_rhs_, between_, between_v_;
   Vec missed_, tau_, v_between_;
   Vec weight_, p1_, v1_, a1_, lam1_, moved_, shift_;
 };

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "rigid_bodies.hpp"
+#include "state_lanes.hpp"
 
 namespace pinconsist {
 
@@ -18,6 +19,8 @@ struct Rows {
   virtual void add_wrench(const Data &, const Vec &, const Vector3d &, Vector3d &, Vector3d &) const {}
   // Add F = ∂(Jᵀλ)/∂q and, unless H is empty, H = ∂(J v)/∂q from row `at` on, with the J in use; false if not known.
   virtual bool add_gradients(const Data &, const Vec &, const Vec &, const Vec &, int, Mat &, Mat &) const { return false; }
+  // Add the rows to those that are evaluated in lanes; false if they cannot be.
+  virtual bool add_to(LaneTree &, int) const { return false; }
   virtual int size() const = 0;
   virtual bool calls_python() const { return false; }
   virtual double difference_step() const { return INF; }
@@ -78,6 +81,12 @@ class BetweenAnchors : public Rows {
 protected:
   BetweenAnchors(const Model &model, int joint1, const SE3 &place1, int joint2, const SE3 &place2)
       : joint1_(joint1), joint2_(joint2), place1_(place1), place2_(place2), columns_(columns_between(model, joint1, joint2)) {}
+
+  std::vector<std::pair<int, double>> signed_columns() const {
+    std::vector<std::pair<int, double>> all;
+    for (const auto &column : columns_) all.emplace_back(column.index, column.sign);
+    return all;
+  }
 
   int joint1_, joint2_;
   SE3 place1_, place2_;
@@ -168,6 +177,16 @@ public:
     if (pose) moment += anchor1.rotation() * seen.tail<3>();
   }
 
+  bool add_to(LaneTree &tree, int at) const override {
+    if (matrix_.cols() != 3) return false; // the logarithm of a pose
+    for (int i = 0; i < size(); i += 3) { // at most three at a time; those of other parts are zero
+      const Mat some = matrix_.middleRows(i, std::min(3, size() - i));
+      if (some.isZero(0.0)) continue;
+      tree.add_rows(at + i, joint1_, place1_, joint2_, place2_, some, 0.0, signed_columns());
+    }
+    return true;
+  }
+
   int size() const override { return static_cast<int>(matrix_.rows()); }
 
 private:
@@ -215,6 +234,11 @@ public:
 
   void add_wrench(const Data &data, const Vec &lam, const Vector3d &, Vector3d &force, Vector3d &) const override {
     force += lam[0] / length_ * (origin(data, joint2_, place2_) - origin(data, joint1_, place1_));
+  }
+
+  bool add_to(LaneTree &tree, int at) const override {
+    tree.add_rows(at, joint1_, place1_, joint2_, place2_, Eigen::Matrix<double, 1, 3>::Zero(), length_, signed_columns());
+    return true;
   }
 
   int size() const override { return 1; }

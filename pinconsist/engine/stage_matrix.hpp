@@ -1,8 +1,10 @@
 // Newton's matrix in the null space of the constraints, stage by stage.
 #pragma once
 
+#include "charts.hpp"
 #include "kkt.hpp"
 #include "stages.hpp"
+#include "state_lanes.hpp"
 
 #include <tuple>
 
@@ -12,9 +14,10 @@ class StageMatrix {
   // The effect of dP on dV and dW of a joint in a chart, stage by stage.
   struct Chart {
     int first, size;
-    Mat h_dV, h2_dW;
-    auto dV(int i, int j) const { return h_dV.block(i * size, j * size, size, size); }
-    auto dW(int i, int j) const { return h2_dW.block(i * size, j * size, size, size); }
+    Mat h_dV, h2_dW; // a column for each stage, of the blocks for dP of all stages
+    std::vector<Mat> T;
+    auto dV(int i, int j) const { return Eigen::Map<const Mat>(&h_dV(j * size * size, i), size, size); }
+    auto dW(int i, int j) const { return Eigen::Map<const Mat>(&h2_dW(j * size * size, i), size, size); }
   };
 
   // M, D and K at a time.
@@ -28,7 +31,7 @@ public:
   double gap = 0.0; // of the loops that are not closed, at the stages evaluated last
 
   StageMatrix(System &system, const Stages &stages, const Switches &switches)
-      : system_(system), stages_(stages), few_(switches.few_derivatives), with_rows_(switches.row_derivatives), lu_(0),
+      : system_(system), stages_(stages), few_(switches.few_derivatives), may_lanes_(switches.lanes), with_rows_(switches.row_derivatives), lu_(0),
         dependent_(system.nc), columns_(system.nc, system.nc), lam_(system.nc) {}
 
   void use(int s) {
@@ -39,11 +42,13 @@ public:
     left_over_.resize(nv, 1);
     for (auto *all : {&Z_, &Y_}) all->assign(s, Mat::Zero(nv, nd));
     for (auto *all : {&M_, &D_, &K_}) all->assign(s, Mat::Zero(nv, nv));
-    T_.resize(s);
     ad_.resize(s);
     charts_.clear();
-    for (auto [first, size] : system_.curved) charts_.push_back({first, size, {}, {}});
+    for (auto [first, size] : system_.curved) charts_.push_back({first, size, {}, {}, std::vector<Mat>(s)});
     for (auto *all : {&right_, &left_}) all->assign(s, Elimination(nc, nv));
+    tree_ = may_lanes_ ? system_.in_lanes() : nullptr;
+    if (tree_) states_.use(*tree_, s);
+    times_.resize(s);
     lu_ = LU(s * nd);
     matrix_.resize(s * nd, s * nd);
     y_.resize(s * nd);
@@ -58,10 +63,13 @@ public:
 
   // The next step begins where this one ends.
   void accepted() {
-    end_before_ = known(stages_.size() - 1);
-    std::swap(middle_before_, middle_);
-    begun_ = true;
-    if (rows_bend_) end_before_.K += F_, F_before_ = F_;
+    if (!tree_) {
+      end_before_ = known(stages_.size() - 1);
+      std::swap(middle_before_, middle_);
+      if (rows_bend_) end_before_.K += F_;
+      begun_ = true;
+    }
+    if (rows_bend_) F_before_ = F_;
     else F_before_.resize(0, 0);
   }
 
@@ -70,6 +78,7 @@ public:
   bool evaluate(bool fresh, bool slow, long &derivatives) {
     const int s = stages_.size();
     gap = 0.0;
+    if (tree_) return evaluate_lanes(fresh, slow, derivatives);
     for (int i = 0; i < s; ++i) {
       const double t = stages_.time(i);
       p_ = stages_.P.col(i);
@@ -90,13 +99,14 @@ public:
         spare_.resize(system_.nv);
         if (!left_[i].reduce(system_.G_transposed(), system_.phi, fresh, Y_[i], spare_)) return false;
       }
-      if (fresh && i == s - 1) rows_bend_ = differentiate_rows(slow);
+      if (fresh && i == s - 1) rows_bend_ = differentiate_rows(slow, (symmetric() ? right_ : left_).back().order().data());
     }
     return true;
   }
 
   // With the last derivatives; false if it is singular.
   bool factorise() {
+    if (side_by_side_) return factorise_lanes();
     interpolate();
     turn_charts();
     const int s = stages_.table->s, nv = system_.nv, nd = nv - system_.nc;
@@ -128,6 +138,10 @@ public:
   void solve(Mat &dP, Mat &dV) {
     const int s = stages_.size(), nv = system_.nv, nd = nv - system_.nc;
     const double h = stages_.h;
+    if (side_by_side_) {
+      solve_lanes(dP, dV);
+      return;
+    }
     dP = closing_;
     if (nd) {
       along(closing_, along_, 1.0 / h);
@@ -157,17 +171,122 @@ public:
   std::tuple<const Mat &, const Mat &, const Mat &> at_end() const { return {M_.back(), D_.back(), K_.back()}; }
 
 private:
+  // The same for all stages at once.
+  bool evaluate_lanes(bool fresh, bool slow, long &derivatives) {
+    const int s = stages_.size(), nv = system_.nv, nc = system_.nc;
+    lanes::Fields &fields = states_.fields;
+    for (int i = 0; i < s; ++i) {
+      times_[i] = stages_.time(i);
+      states_.set(i, &stages_.P(0, i), &stages_.V(0, i), &stages_.W(0, i));
+    }
+    system_.evaluate_lanes(times_, states_, fresh);
+    if (fresh) derivatives += s;
+    for (int i = 0; i < s; ++i) {
+      spare_.resize(nc);
+      states_.get(fields.phi, nc, i, spare_.data());
+      const double open = largest(spare_);
+      if (open <= CLOSED * (1.0 + largest(stages_.P.col(i)))) states_.add(fields.phi, nc, i, spare_.data(), -1.0);
+      else gap = std::max(gap, open);
+    }
+    if (fresh) side_by_side_ = states_.kernel().reduce(fields, states_.reduction, true);
+    else if (side_by_side_ && !states_.kernel().reduce(fields, states_.reduction, false)) return false;
+    if (!side_by_side_ && !separate(fresh)) return false;
+    if (!fresh) return true;
+    p_ = stages_.P.col(s - 1);
+    v_ = stages_.V.col(s - 1);
+    const int *order = side_by_side_ ? states_.reduction.order : right_.back().order().data();
+    rows_bend_ = differentiate_rows(slow, order);
+    return true;
+  }
+
+  // The stages one by one, where charts or different dependent velocities require it; false if constraints lose their rank.
+  bool separate(bool fresh) {
+    const int nv = system_.nv, nc = system_.nc;
+    const lanes::Fields &fields = states_.fields;
+    Mat transposed(nv, nc), J(nc, nv);
+    Vec phi(nc);
+    for (int i = 0; i < stages_.size(); ++i) {
+      states_.get(fields.f, nv, i, &f_(0, i));
+      states_.get(fields.phi, nc, i, phi.data());
+      states_.get(fields.J, static_cast<long>(nc) * nv, i, transposed.data());
+      J = transposed.transpose();
+      if (!right_[i].reduce(J, phi, fresh, Z_[i], closing_.col(i))) return false;
+      if (fresh) unpack(i);
+    }
+    return true;
+  }
+
+  void unpack(int i) {
+    states_.get(states_.fields.M, i, M_[i]);
+    states_.get(states_.fields.D, i, D_[i]);
+    states_.get(states_.fields.K, i, K_[i]);
+  }
+
+  bool factorise_lanes() {
+    const RadauTable &table = *stages_.table;
+    const lanes::Kernel &kernel = states_.kernel();
+    const Mat &at_start = F_before_.size() ? F_before_ : F_;
+    if (rows_bend_) kernel.bend(states_.fields, system_.nv, table.s, table.c.data(), at_start.data(), F_.data());
+    unpack(table.s - 1);
+    if (system_.nv == system_.nc) return true;
+    turn_charts();
+    pack_charts();
+    kernel.assemble(states_.fields, states_.reduction, step(), lu_.numbers());
+    return lu_.factorise_numbers();
+  }
+
+  lanes::Step step() const {
+    const RadauTable &table = *stages_.table;
+    return {table.s, stages_.h, table.inverse.data(), table.inverse2.data(), lane_charts_.data(), static_cast<int>(lane_charts_.size())};
+  }
+
+  void pack_charts() {
+    const int s = stages_.size(), width = states_.kernel().width, packs = states_.fields.packs;
+    lane_charts_.clear();
+    chart_numbers_.resize(charts_.size());
+    for (size_t at = 0; at < charts_.size(); ++at) {
+      const Chart &chart = charts_[at];
+      const long items = chart.size * chart.size, all = items * s * packs * width;
+      auto &numbers = chart_numbers_[at];
+      numbers.assign(2 * all + width, 0.0);
+      double *first = numbers.data();
+      while (reinterpret_cast<std::uintptr_t>(first) % (8 * width)) ++first;
+      for (int i = 0; i < s; ++i)
+        for (int j = 0; j < s; ++j) {
+          const double *dV = &chart.h_dV(j * items, i), *dW = &chart.h2_dW(j * items, i);
+          for (long k = 0; k < items; ++k) {
+            const long to = (((i / width) * s + j) * items + k) * width + i % width;
+            first[to] = dV[k];
+            first[all + to] = dW[k];
+          }
+        }
+      lane_charts_.push_back({chart.first, chart.size, first, first + all});
+    }
+  }
+
+  void solve_lanes(Mat &dP, Mat &dV) {
+    const RadauTable &table = *stages_.table;
+    const lanes::Kernel &kernel = states_.kernel();
+    const int nv = system_.nv;
+    dP.resize(nv, table.s);
+    if (nv > system_.nc) {
+      kernel.right_side(states_.fields, states_.reduction, step(), y_.data());
+      lu_.substitute(y_.data(), 1);
+    }
+    kernel.increments(states_.fields, states_.reduction, table.s, y_.data(), dP.data(), closing_.data());
+    along(dP, dV, 1.0 / stages_.h);
+  }
+
   // Whether derivatives are evaluated at stage `i`: in the middle, at the end and, if the last step has none, near the start.
   bool has_derivatives(int i) const {
     const int last = stages_.size() - 1;
-    return !few_ || last < 3 || i == last / 2 || i == last || (i == 0 && !begun_);
+    return tree_ || !few_ || last < 3 || i == last / 2 || i == last || (i == 0 && !begun_);
   }
 
   // F = ∂(G λ)/∂p at the last stage, with the λ that balance the dependent velocities; false if it is left out.
-  bool differentiate_rows(bool slow) {
+  bool differentiate_rows(bool slow, const int *order) {
     const int nv = system_.nv, nc = system_.nc;
     if (!nc || nc == nv || !(with_rows_ || slow)) return false;
-    const auto &order = (symmetric() ? right_ : left_).back().order();
     for (int k = 0; k < nc; ++k) {
       columns_.row(k) = system_.G_transposed().col(order[k]).transpose();
       lam_[k] = system_.f[order[k]];
@@ -188,7 +307,7 @@ private:
   // middle of the last step.
   void interpolate() {
     const int s = stages_.table->s, middle = (s - 1) / 2;
-    if (!few_ || s < 4) return;
+    if (tree_ || !few_ || s < 4) return;
     middle_ = known(middle);
     const double ago = begun_ && middle_before_.M.size() ? (stages_.t - middle_before_.t) / stages_.h : 0.0;
     const bool four = ago > NEAREST && ago < FARTHEST;
@@ -218,32 +337,63 @@ private:
   // h dV_i = T_i⁻¹ (Σ_j b_ij T_j dP_j - T'_i dP_i) + h [v_i, dP_i] for the joints that need it, with T' = b (T - 1).
   void turn_charts() {
     if (charts_.empty()) return;
-    const int s = stages_.table->s;
-    const Mat &b = stages_.table->inverse;
-    for (int i = 0; i < s; ++i) {
+    find_chart_matrices();
+    for (int i = 0; i < stages_.size(); ++i) {
       p_ = stages_.P.col(i);
       v_ = stages_.V.col(i);
-      xi_ = stages_.xi.col(i);
-      system_.chart_matrix(xi_, T_[i]);
       system_.bracket(system_.rate(stages_.time(i), p_, v_), ad_[i]);
     }
     for (auto &chart : charts_) {
-      const int n = chart.size;
-      const auto part = [&](const Mat &matrix) { return matrix.block(chart.first, chart.first, n, n); };
-      chart.h_dV.resize(s * n, s * n);
-      chart.h2_dW.setZero(s * n, s * n);
-      for (int i = 0; i < s; ++i) {
-        const Mat back = part(T_[i]).inverse();
-        Mat change = Mat::Zero(n, n);
-        for (int j = 0; j < s; ++j) {
-          chart.h_dV.block(i * n, j * n, n, n) = b(i, j) * (back * part(T_[j]));
-          change += b(i, j) * (part(T_[j]) - Mat::Identity(n, n));
-        }
-        chart.h_dV.block(i * n, i * n, n, n) += stages_.h * part(ad_[i]) - back * change;
+      if (chart.size == 3) turn<3>(chart);
+      else if (chart.size == 6) turn<6>(chart);
+      else turn<Eigen::Dynamic>(chart);
+    }
+  }
+
+  template <int n> void turn(Chart &chart) {
+    using Block = Eigen::Matrix<double, n, n>;
+    const int s = stages_.size(), size = chart.size;
+    const Mat &b = stages_.table->inverse;
+    chart.h_dV.resize(s * size * size, s);
+    for (int i = 0; i < s; ++i) {
+      const Block back = Block(chart.T[i]).inverse();
+      Block change = Block::Zero(size, size);
+      for (int j = 0; j < s; ++j) {
+        const Eigen::Map<const Block> T(chart.T[j].data(), size, size);
+        Eigen::Map<Block>(&chart.h_dV(j * size * size, i), size, size).noalias() = b(i, j) * (back * T);
+        change += b(i, j) * (T - Block::Identity(size, size));
       }
-      for (int i = 0; i < s; ++i)
-        for (int k = 0; k < s; ++k)
-          chart.h2_dW.middleRows(i * n, n) += b(i, k) * chart.h_dV.middleRows(k * n, n);
+      Eigen::Map<Block>(&chart.h_dV(i * size * size, i), size, size) +=
+          stages_.h * ad_[i].block(chart.first, chart.first, size, size) - back * change;
+    }
+    combine(chart.h_dV, b, chart.h2_dW);
+  }
+
+  // T of each joint and stage.
+  void find_chart_matrices() {
+    const int s = stages_.size(), nx = system_.nx;
+    if (!tree_) {
+      for (int i = 0; i < s; ++i) {
+        xi_ = stages_.xi.col(i);
+        system_.chart_matrix(xi_, T_);
+        for (auto &chart : charts_) chart.T[i] = T_.block(chart.first, chart.first, chart.size, chart.size);
+      }
+      return;
+    }
+    int most = 0;
+    for (const auto &chart : charts_) most = std::max(most, chart.size);
+    for (int k = 0; k < most; ++k) { // their columns
+      units_.setZero(nx, s);
+      for (const auto &chart : charts_)
+        if (k < chart.size) units_.row(chart.first + k).setOnes();
+      turned_.resize(nx, s);
+      states_.kernel().chart_rates(*tree_, s, stages_.xi.data(), units_.data(), bernoulli().data(), static_cast<int>(bernoulli().size()),
+                                   turned_.data());
+      for (auto &chart : charts_)
+        for (int i = 0; i < s && k < chart.size; ++i) {
+          chart.T[i].resize(chart.size, chart.size);
+          chart.T[i].col(k) = turned_.col(i).segment(chart.first, chart.size);
+        }
     }
   }
 
@@ -261,13 +411,19 @@ private:
 
   System &system_;
   const Stages &stages_;
-  bool few_, with_rows_, rows_bend_ = false, begun_ = false; // begun_: M, D and K are known at the start of the step
+  bool few_, may_lanes_, with_rows_, rows_bend_ = false, begun_ = false; // begun_: M, D and K are known at the start of the step
   LU lu_, dependent_;
-  Mat columns_, F_, F_before_, none_, f_, closing_, along_, twice_, MY_, DY_, KY_, row_, left_over_, matrix_;
+  Mat columns_, F_, F_before_, none_, f_, closing_, along_, twice_, MY_, DY_, KY_, row_, left_over_, matrix_, T_, units_, turned_;
   Known middle_, middle_before_, end_before_;
-  std::vector<Mat> Z_, Y_, M_, D_, K_, T_, ad_;
+  std::vector<Mat> Z_, Y_, M_, D_, K_, ad_;
   std::vector<Chart> charts_;
   std::vector<Elimination> right_, left_;
+  const lanes::Tree *tree_ = nullptr; // null if states are evaluated one by one
+  StateLanes states_;
+  std::vector<lanes::Chart> lane_charts_;
+  std::vector<std::vector<double>> chart_numbers_; // of them
+  bool side_by_side_ = false; // all stages have the same dependent velocities
+  Vec times_;
   Vec lam_, p_, v_, w_, xi_, y_, spare_;
 };
 

@@ -1,6 +1,7 @@
 // The stages of one step of Radau IIA, a column for each.
 #pragma once
 
+#include "charts.hpp"
 #include "null_space.hpp"
 
 #include <map>
@@ -32,7 +33,7 @@ public:
   Vec p, v;
   Mat W, V, xi, P;
 
-  explicit Stages(const System &system) : system_(system) {}
+  explicit Stages(const System &system, const lanes::Tree *tree = nullptr) : system_(system), tree_(tree) {}
 
   void use(const RadauTable &formula) {
     table = &formula;
@@ -59,7 +60,9 @@ public:
     double moved = INF;
     for (int sweep = 0; sweep < MAX_SWEEPS && moved > 4.0 * EPS; ++sweep) {
       if (!system_.rate_is_velocity) place(); // otherwise rates do not depend on positions
-      for (int i = 0; i < size(); ++i) {
+      if (tree_)
+        lanes::kernel().chart_rates(*tree_, size(), xi.data(), V.data(), bernoulli().data(), static_cast<int>(bernoulli().size()), U_.data());
+      for (int i = 0; i < size() && !tree_; ++i) {
         p_ = P.col(i);
         v_ = V.col(i);
         xi_ = xi.col(i);
@@ -90,6 +93,7 @@ private:
   }
 
   const System &system_;
+  const lanes::Tree *tree_; // of joints whose rates are found in all stages at once; or null
   Mat U_, before_;
   Vec p_, v_, xi_, rate_;
 };

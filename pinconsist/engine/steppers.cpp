@@ -15,7 +15,8 @@ struct StageCurve {
 
 Switches switches_of(nb::object switches) {
   const auto on = [&](const char *name) { return nb::cast<bool>(switches.attr(name)); };
-  return {on("iteration_forecast"), on("jacobian_reuse"), on("kept_derivatives"), on("few_derivatives"), on("row_derivatives")};
+  return {on("iteration_forecast"), on("jacobian_reuse"), on("kept_derivatives"), on("few_derivatives"), on("lanes"),
+          on("row_derivatives")};
 }
 
 // Run something; releases the GIL unless Python is called.

@@ -1,6 +1,7 @@
 // What a system must provide (engine/problem.py), and systems that provide it in Python.
 #pragma once
 
+#include "lanes.hpp"
 #include "tuning.hpp"
 
 #include <Eigen/Dense>
@@ -59,6 +60,8 @@ template <class Other> const Other &argument(const Other &x) { return x; }
 template <class... Arguments> nb::object ask(const nb::object &object, const char *method, const Arguments &...arguments) {
   return object.attr(method)(argument(arguments)...);
 }
+
+class StateLanes;
 
 class System {
 public:
@@ -123,6 +126,12 @@ public:
     const double small = 1e-4 * (1.0 + largest(v)) / std::max(largest(change), 1e-300);
     return (rate(t, p, v) - rate(t, p, v - small * change)) / small;
   }
+
+  // The tree of rigid bodies whose states may be evaluated at once; null if there is none.
+  virtual const lanes::Tree *in_lanes() { return nullptr; }
+  // As `evaluate`, or `evaluate_parts` with `derivatives`, of states at these times; afterwards the last of them is that
+  // evaluated last, except for ρ.
+  virtual void evaluate_lanes(const Vec &, StateLanes &, bool) {}
 
 protected:
   void size_rows() {

@@ -142,7 +142,7 @@ struct LoneJoint::Inside {
   TheirModel::JointData data;
 };
 
-Model::Model(const std::vector<Branch> &branches, const Vec &armatures, const Vector3d &falling) : armature(armatures) {
+Model::Model(const std::vector<Branch> &all, const Vec &armatures, const Vector3d &falling) : armature(armatures), branches(all) {
   auto built = std::make_shared<Inside>();
   TheirModel &theirs = built->model;
   for (const auto &each : branches) {

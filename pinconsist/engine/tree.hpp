@@ -49,6 +49,7 @@ struct Model {
   pinocchio::Motion gravity;
   Vec armature;
   std::vector<SimpleJoint> simple_joints;
+  std::vector<Branch> branches;
 
   struct Inside;
   std::shared_ptr<const Inside> inside;

@@ -140,6 +140,7 @@ struct Switches {
   bool jacobian_reuse = true;     // BDF in large systems: the matrix of an earlier step, as long as it pays
   bool kept_derivatives = true;   // BDF in small systems: the derivatives of forces of some steps ago
   bool few_derivatives = true;    // Radau with five or more stages: derivatives at two, interpolated at the others
+  bool lanes = true;              // Radau: all stages evaluated at once, where the mechanism's joints permit it
   bool row_derivatives = true;    // Radau: the derivative of the constraint forces at once, not only if Newton is slow
 };
 

@@ -26,6 +26,7 @@ class Switches:
     jacobian_reuse: bool = True
     kept_derivatives: bool = True
     few_derivatives: bool = True
+    lanes: bool = True
     row_derivatives: bool = True
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from pinconsist import engine
 from pinconsist.engine.index1 import Index1
 from pinconsist.engine.systems import compiled_system
+from pinconsist.mechanism.lie import integrate
 from pinconsist.mechanism.rank import null_space
 from pinconsist.mechanism.system import MechanismSystem
 from pinconsist.paper.index1 import acceleration, projected
@@ -44,6 +45,16 @@ def with_constants(**values):
             module.set_constant(name, value)
 
 
+@contextmanager
+def instruction_set(name):
+    """Stages are evaluated by these instructions within the block."""
+    engine.required().use_instruction_set(name)
+    try:
+        yield
+    finally:
+        engine.required().use_instruction_set("")
+
+
 def twin_of(system):
     return compiled_system(system)
 
@@ -67,6 +78,7 @@ def compare_terms(mech, q, t=0.3, seed=0):
         (f, phi, G.T, rho, A), (*twin.evaluate(t, q, v, a), twin.linearize(t, q, v, a, c)), strict=True
     ):
         assert_same(ours, theirs)
+    compare_at_once(twin, mech.model, t, q)
     projection = engine.required().Projection(twin)
     start_state = projected(system, t, q, v)
     assert projection.project(t, q, v)[2] == ""
@@ -76,6 +88,30 @@ def compare_terms(mech, q, t=0.3, seed=0):
         assert_same(ours, theirs, 1e-10)
     compare_row_gradients(system, twin, t, q, v)
     compare_multipliers(system, twin, t, start_state.p, start_state.v)
+
+
+def compare_at_once(twin, model, t, q, number=5):
+    """Compare f, Φ, J, M, D and K of several states, by each instruction set, with those of one state after another.
+
+    Returns whether the mechanism is one that is evaluated so.
+    """
+    rng = np.random.default_rng(9)
+    times = t + 0.1 * np.arange(number)
+    states = [(integrate(model, q, 0.1 * rng.normal(size=model.nv)), *rng.normal(size=(2, model.nv))) for _ in times]
+    p, v, a = (np.array(part) for part in zip(*states, strict=True))
+    for name in engine.required().instruction_sets():
+        with instruction_set(name):
+            found = twin.evaluate_at_once(times, p, v, a)
+        if found is None:
+            return False
+        for i, (f, phi, J, *matrices) in enumerate(zip(*found, strict=True)):
+            at = times[i], p[i], v[i], a[i]
+            for ours, theirs in zip(twin.evaluate(*at), (f, phi, J.reshape(twin.nc, len(f))), strict=False):
+                assert_same(ours, theirs)
+            M, D, K = (matrix.reshape(len(f), -1) for matrix in matrices)
+            for c in (0.0, 1.0, -1.0):
+                assert_same(twin.linearize(*at, c), M + c * (D + c * K))
+    return True
 
 
 class Still(list):
