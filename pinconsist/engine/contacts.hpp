@@ -33,6 +33,7 @@ public:
     phi[at] = -phi[at];
     J.row(at) = -J.row(at);
   }
+  bool add_to(LaneTree &, int) const override { return false; } // not with the sign of a distance
   void add_bias(const Data &data, double t, const Vec &p, const Vec &v, int at, Vec &bias) const override {
     Vec own = Vec::Zero(1);
     DistanceRow::add_bias(data, t, p, v, 0, own);

@@ -287,7 +287,7 @@ public:
   }
 
   const lanes::Tree *in_lanes() override {
-    if (calls_python_ || !axes_.empty()) return nullptr;
+    if (calls_python_ || slides_ || !axes_.empty()) return nullptr;
     if (!lane_tree_) {
       lane_tree_ = LaneTree::of(model_, nc, damping_, constant_);
       if (!lane_tree_) return nullptr;

@@ -228,8 +228,8 @@ private:
     const Mat &at_start = F_before_.size() ? F_before_ : F_;
     if (rows_bend_) kernel.bend(states_.fields, system_.nv, table.s, table.c.data(), at_start.data(), F_.data());
     unpack(table.s - 1);
-    if (system_.nv == system_.nc) return true;
     turn_charts();
+    if (system_.nv == system_.nc) return true;
     pack_charts();
     kernel.assemble(states_.fields, states_.reduction, step(), lu_.numbers());
     return lu_.factorise_numbers();
