@@ -24,7 +24,8 @@ struct History {
 
 class Start {
 public:
-  Start(System &system, const Switches &switches) : system_(system), radau(system, switches) {}
+  // Stages one by one: pivots of each, where rows are nearly dependent, as a history of BDF feels their rounding.
+  Start(System &system, const Switches &switches) : system_(system), radau(system, one_by_one(switches)) {}
 
   RadauStepper radau;
 
@@ -92,6 +93,11 @@ public:
   }
 
 private:
+  static Switches one_by_one(Switches switches) {
+    switches.lanes = false;
+    return switches;
+  }
+
   static constexpr double FINEST = 1e-12; // relative tolerance below which the steps of Radau would follow rounding
 
   // A run of Radau at the tolerances of its control.
