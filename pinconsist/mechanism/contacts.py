@@ -64,6 +64,10 @@ def _friction(value, who, what="friction") -> tuple[float, float]:
     return static, kinetic
 
 
+def _named(own, by_default: str, who: str) -> str:
+    return by_default if isinstance(own, str) and not own else name(own, f"{who}: name")
+
+
 @dataclass(frozen=True)
 class Stop(ContactRecord):
     """The stops of a joint, which it reaches, rests on and leaves.
@@ -97,7 +101,7 @@ class Stop(ContactRecord):
 
     def __post_init__(self):
         put_checked(self, "stop", name, "joint")
-        put(self, name=name(self.name or self.joint, "stop: name"))
+        put(self, name=_named(self.name, self.joint, "stop"))
         who = f"stop {self.name!r}"
         for limit in ("lower", "upper"):
             if getattr(self, limit) is not None:
@@ -309,7 +313,7 @@ class DryFriction(ContactRecord):
 
     def __post_init__(self):
         put_checked(self, "dry friction", name, "joint")
-        put(self, name=name(self.name or f"{self.joint} friction", "dry friction: name"))
+        put(self, name=_named(self.name, f"{self.joint} friction", "dry friction"))
         put(self, friction=_friction(self.friction, f"dry friction {self.name!r}"))
 
     def elements(self, model) -> list[Element]:
