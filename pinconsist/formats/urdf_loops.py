@@ -21,7 +21,7 @@ each of two links; in a closed loop the anchors coincide, up to the motion that 
 
 ``<loop_joint>`` comes from a former reader of Drake (no type: a hinge), and from Isaac Sim's (of which it supports
 ``spherical`` only); ``<loop>`` and ``<coupling>`` from URDF+ (Chignoli et al. 2024), ``<constraint>`` from a fork of
-urdfdom. A URDF that lets a link be the child of two joints is cut into a tree, see :func:`cut_loops`. ``axis`` has the
+urdfdom. A URDF that lets a link be the child of two joints is cut into a tree, see ``cut_loops``. ``axis`` has the
 same components in both anchors; its default is x, as in URDF.
 
 The types, the motion that they leave free, and the kinds of loop that they become::

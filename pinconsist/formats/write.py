@@ -58,8 +58,8 @@ def write(mechanism: Mechanism, path) -> Path:
 
     The other kinds of files say less: what they cannot say is refused by name before anything is written. They are read
     back, too, and the accelerations of both mechanisms must agree. In SDF the joints stand at zero where the loops are
-    closed, see :mod:`pinconsist.formats.write_sdf`. MJCF holds loops by springs in MuJoCo
-    (:mod:`pinconsist.formats.write_mjcf`), and is rigid here. Shapes are written to URDF only.
+    closed, see ``write_sdf``. MJCF holds loops by springs in MuJoCo
+    (``write_mjcf``), and is rigid here. Shapes are written to URDF only.
 
     Parameters
     ----------

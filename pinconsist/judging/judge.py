@@ -327,7 +327,7 @@ def judge(contestant, setting: Setting, measure: Measure) -> Judged:
 
 
 def errors_of(rows: Rows, measure: Measure) -> dict:
-    """The errors of rows whose times are among those of the reference; fields of :class:`Judged`."""
+    """The errors of rows whose times are among those of the reference; fields of ``Judged``."""
     stride = max(1, round((rows.t[1] - rows.t[0]) / (measure.reference.t[1] - measure.reference.t[0])))
     here = slice(None, stride * len(rows.t), stride)
     exact_loads, closed = measure.at_states(rows.t, rows.q, rows.v)

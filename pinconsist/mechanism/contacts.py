@@ -13,7 +13,7 @@ record                          gap                                   force
 ==============================  ====================================  =============================================
 
 A run is divided into modes, in each of which every element is open, or closed, or sticks or slides, see
-:mod:`pinconsist.run.modes`. In a mode the rows of closed and sticking elements are ordinary constraints.
+``pinconsist.run.modes``. In a mode the rows of closed and sticking elements are ordinary constraints.
 """
 
 from __future__ import annotations

@@ -221,7 +221,7 @@ class ByName:
         return self.contacts.impacts if self.contacts else ()
 
     def contact(self, name: str, mechanism=None) -> ContactMotion:
-        """The gap, force, slip and mode of a contact at the rows, see :class:`ContactMotion`.
+        """The gap, force, slip and mode of a contact at the rows, see :class:`.ContactMotion`.
 
         `name` is that of its record, or of one stop, ``"knee upper"``; `mechanism` is as in :meth:`check`. Raises
         InputError for other names.

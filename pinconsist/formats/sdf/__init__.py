@@ -3,7 +3,7 @@
 Versions 1.4 to 1.12 of the specification are supported. A file is converted as follows:
 
 * Links and joints form a graph. A spanning tree of it becomes the model, and the remaining joints close loops
-  (:mod:`..graph` explains which, and how). At q = 0 all bodies have the poses of the file, and all loops are closed.
+  (``graph`` explains which, and how). At q = 0 all bodies have the poses of the file, and all loops are closed.
 * A link without ``<inertial>`` has 1 kg and 1 kg·m², the defaults of the specification.
 * In SDF a model without a joint to the world floats. Here its root link is fixed at its pose unless
   ``load(..., free_flyer=True)`` lets it float, as for URDF files. ``<static>`` models never move.
@@ -11,7 +11,7 @@ Versions 1.4 to 1.12 of the specification are supported. A file is converted as 
   version 1.7 a link and a joint may have the same name: the joint is then called ``name_joint``.
 * Damping and friction of a ball joint act about all its axes. Position limits are kept in the model, without effect.
 * Gazebo's joint controllers become forces (:mod:`.joints`), and Drake's ``gear_ratio`` and ``rotor_inertia`` of a joint
-  the armature. ``DetachableJoint``, mimic plugins (:mod:`..gazebo`) and Drake's constraints (:mod:`..drake`) act, as do
+  the armature. ``DetachableJoint``, mimic plugins (``gazebo``) and Drake's constraints (``drake``) act, as do
   links without gravity, and models are included (:mod:`.includes`). Contacts, limits, other plugins and extensions are
   counted (``Mechanism.ignored``); sensors and lights have no effect. Kinematic links do not move. Elements that would
   change the motion and cannot be converted are refused: fluid added mass, plugins and extensions that join bodies.
@@ -100,7 +100,7 @@ def _refuse_foreign(raw: Element, content) -> None:
 
 
 def drake_joints(raw: Element) -> None:
-    """Replace ``<drake:joint>`` and ``<drake:mimic>`` by the elements of SDF that mean the same; see :mod:`.drake`."""
+    """Replace ``<drake:joint>`` and ``<drake:mimic>`` by the elements of SDF that mean the same; see ``drake``."""
     for element in (each for model in list(raw.iter("model")) for each in model.findall(DRAKE + "joint")):
         for each in element.iter():
             each.tag = str(each.tag).removeprefix(DRAKE)
