@@ -7,6 +7,7 @@ from scipy.linalg import expm
 
 import pinconsist as pc
 from pinconsist.mechanism.closing import LoopSolver, newton
+from pinconsist.run.propagator import Propagator
 
 TIGHT = {"rtol": 1e-11, "atol": 1e-12}
 H = 0.01
@@ -69,6 +70,21 @@ def test_steps_of_loops_against_differences(name):
         dx, dlam = difference(mech, ended(mech, q, v, control + push), ended(mech, q, v, control - push), 0.02)
         np.testing.assert_allclose(found.B[:, k], dx, atol=1e-7 * np.abs(found.B).max())
         np.testing.assert_allclose(found.lam_u[:, k], dlam, atol=1e-6 * max(np.abs(found.lam_u).max(), 1.0))
+
+
+def test_steps_that_newton_does_not_find_are_made_once_more(monkeypatch):
+    mech = pc.load("five_bar")
+    sim = pc.Simulation(mech, v0={"left_crank": 3.0}, **TIGHT)
+    sim.step(H, {"left_crank": 0.5})
+    A, B = sim.linearized()
+
+    def unsolved(*_):
+        raise pc.PinconsistError("the step of Radau IIA could not be repeated")
+
+    monkeypatch.setattr(Propagator, "solved", unsolved)
+    again = sim.linearized()
+    np.testing.assert_allclose(again.A, A, atol=1e-9 * np.abs(A).max())
+    np.testing.assert_allclose(again.B, B, atol=1e-9 * np.abs(B).max())
 
 
 @pytest.mark.parametrize("name", ["free", "ball", "planar", "unbounded", "revolute", "prismatic", "translation"])

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from ..engine.index1 import Index1
-from ..engine.radau_table import table
 from ..run.propagator import Propagator, Step
 
 AT_ONCE = 1e-6  # of a step: times nearer than this to an end count as equal, as shorter steps would be rounding
@@ -141,16 +140,12 @@ def legs_of(dense, index1_of=Index1) -> list[Leg]:
     return [Leg(curve.system, steps, index1_of) for curve in dense.curves for steps in _parts(curve)]
 
 
-def _step(curve, i) -> Step:
-    t, h, s, p0, v0, W, p, v = curve.step(i)
-    return Step(t, curve.ends[i], h, table(s), p0, v0, W, p, v)
-
-
 def _parts(curve) -> list[list[Step]]:
     """The steps of a curve, split at steps that do not continue the previous one."""
     legs: list[list] = []
     for i in range(len(curve.ends)):
-        step, last = _step(curve, i), legs[-1][-1] if legs else None
+        step = Step.of(curve, i)
+        last = legs[-1][-1] if legs else None
         if step.end == step.t_old:  # an event where it begins
             continue
         goes_on = last is not None and np.array_equal(last.p, step.p0) and np.array_equal(last.v, step.v0)

@@ -236,7 +236,7 @@ class Discrete:
     def along(self, start, rows, orders, again) -> StepLinearization:
         """The linearisation of the steps from `start`, (t, q, v), to `rows` of them, with their orders.
 
-        ``again(start, t)`` makes the steps once more and returns them as segments; it is called where Newton's
+        ``again(start, t)`` makes the steps once more and returns them as a list of Step; it is called where Newton's
         iteration does not converge from the states alone.
         """
         states = [start, *rows]

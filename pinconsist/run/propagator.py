@@ -31,6 +31,12 @@ class Step:
     p: np.ndarray
     v: np.ndarray
 
+    @staticmethod
+    def of(curve, i: int) -> "Step":
+        """A step of a :class:`~pinconsist.run.stage_curve.StageCurve`."""
+        t, h, s, p0, v0, W, p, v = curve.step(i)
+        return Step(t, curve.ends[i], h, table(s), p0, v0, W, p, v)
+
     def ending_at(self, t: float) -> "Step":
         """The step with its end at another time; its accelerations, from the polynomial, are a guess for Newton."""
         h = t - self.t_old

@@ -25,6 +25,7 @@ from .events import EventWatch, as_events
 from .integrate import March, Resumption, Start, march, modes_of, start_in_modes, trajectory_of
 from .options import Options, positive_time, without_backend
 from .output import STOPPED, SUCCESS, Output, Record, Stop
+from .propagator import Step
 from .solution import Solution
 from .steppers import stepper_for
 
@@ -307,14 +308,14 @@ class Simulation:
         return self._discrete[1].along(self._before, rows, orders, self._again)
 
     def _again(self, start, t_end):
-        """The steps from a state (t, q, v) to a time, made once more under what is held, as segments."""
+        """The steps from a state (t, q, v) to a time, made once more under what is held."""
         stepper, steps = stepper_for(self._stepper.system, self._options.for_span((start[0], t_end))), []
         stepper.begin(*start, t_end)
         while stepper.t != t_end:
             batch = stepper.steps(t_end, stepper.batch, True)
             if batch.failure:
                 raise PinconsistError(f"the last step cannot be linearised: {batch.failure}")
-            steps += [batch.curve.plain(i) for i in range(len(batch.t))]
+            steps += [Step.of(batch.curve, i) for i in range(len(batch.t))]
         stepper.close()
         return steps
 
