@@ -13,19 +13,10 @@ References
 L. F. Shampine, M. W. Reichelt, The MATLAB ODE suite, SIAM J. Sci. Comput. 18 (1997), section 2.
 """
 
-from functools import cache
-from math import comb
-
 import numpy as np
 
 MAX_ORDER = 6
 ROWS = MAX_ORDER + 3  # of a table: ∇⁰y to ∇ᵏ⁺²y, and zeros
-
-
-@cache
-def differences(k: int) -> np.ndarray:
-    """(k+1, k+1): maps past values y_n, y_{n-1}, ..., y_{n-k} to differences, and differences back to values."""
-    return _frozen(np.array([[(-1.0) ** i * comb(j, i) for i in range(k + 1)] for j in range(k + 1)]))
 
 
 def interpolate(k: int, s) -> np.ndarray:
@@ -35,8 +26,3 @@ def interpolate(k: int, s) -> np.ndarray:
     for j in range(1, k + 1):
         basis[..., j] = basis[..., j - 1] * (s + j - 1) / j
     return basis
-
-
-def _frozen(array):
-    array.setflags(write=False)
-    return array

@@ -1,9 +1,8 @@
-"""Rounding of times and of closed loops, and runs that make no progress."""
+"""Rounding of times, and runs that make no progress."""
 
 import numpy as np
 
 from . import constant
-from .norms import largest
 
 WINDOW = 1000  # number of steps after which the pace of a run is checked
 CHATTER = 0.3  # failures of Newton per step from which a run may not end
@@ -13,11 +12,6 @@ LONG, ENDLESS = 1e5, 1e9  # remaining steps that are too many if a force jumps, 
 def shortest_step(*times) -> float:
     """The shortest step, s, that can be distinguished from zero at these times."""
     return constant("SMALLEST_STEP") * float(np.spacing(max(map(abs, times))))
-
-
-def rounding_gap(p, W) -> float:
-    """The gap that rounding causes in closed loops, from the position and from W or G."""
-    return constant("GAP") * (1.0 + largest(p)) * (1.0 + largest(W))
 
 
 class Pace:

@@ -212,17 +212,12 @@ void bind_radau(nb::module_ &m) {
 
   nb::class_<Sampler>(m, "Sampler")
       .def(nb::init<System &>(), "system"_a, nb::keep_alive<1, 2>())
-      .def("row", // None where the equations are singular
-           [](Sampler &sampler, const StageCurve &curve, size_t i, double t) -> nb::object {
-             if (!sampler.sample(curve.steps.at(i), t)) return nb::none();
-             return nb::make_tuple(array(sampler.p), array(sampler.v), array(sampler.lam));
-           })
-      .def("rows", // at times of the steps with these indices
+      .def("rows", // at times of the steps with these indices; the index of the first time at which the equations are singular
            [](Sampler &sampler, const StageCurve &curve, const Eigen::VectorX<std::int64_t> &steps, const Vec &times) -> nb::object {
              const System &of = sampler.system();
              Table p(times.size(), of.npos), v(times.size(), of.nv), lam(times.size(), of.nc);
              for (Eigen::Index i = 0; i < times.size(); ++i) {
-               if (!sampler.sample(curve.steps.at(steps[i]), times[i])) return nb::none();
+               if (!sampler.sample(curve.steps.at(steps[i]), times[i])) return nb::int_(i);
                p.row(i) = sampler.p.transpose();
                v.row(i) = sampler.v.transpose();
                lam.row(i) = sampler.lam.transpose();

@@ -33,7 +33,6 @@ _CURES = {
     "PointContactConstraintModel": "Contacts that last are not modelled: leave it out. A foot that does not slide is a "
     "PointAnchorConstraintModel or a pc.Loop of kind 'point'",
 }
-_OTHERWISE = "Limits, friction and contact are not modelled as constraints here (see help(pinconsist.Loop))"
 _FLOATS = {  # files that define what floats
     "mjcf": "MJCF files, which define what floats: give the body a <freejoint/>",
     "usd": "USD files, which define what floats: a body without joints to the ground",

@@ -44,7 +44,6 @@ MOST_LAYERS = 500
 _AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 _TYPES = ("PhysicsRevoluteJoint", "PhysicsPrismaticJoint", "PhysicsSphericalJoint", "PhysicsFixedJoint", "PhysicsJoint")
 _TYPES += ("PhysicsDistanceJoint",)
-_SINGLE = {"PhysicsRevoluteJoint": "revolute", "PhysicsPrismaticJoint": "prismatic", "PhysicsFixedJoint": "fixed"}
 _DIRECTIONS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
 _TURNS = {"XY": "YX", "XZ": "ZX", "YZ": "YZ"}
 """Two free turns → the order in which the joints follow: about that of the first body, then about the second's own."""

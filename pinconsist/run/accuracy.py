@@ -405,7 +405,6 @@ def loop_forces(system, t, q, v, lam, contacts=None):
         return measured_in_modes(system.mechanism, contacts, states)[2]
     if not isinstance(system, MechanismSystem):
         return np.array([system.evaluate(t, p, v, 0.0 * v)[2] @ lam for t, p, v, lam in zip(*states, strict=True)])
-    if (compiled := blank_system(system.model, system.data)) is not None:
-        system.all_rows().hand_over(compiled)
-        return compiled.residuals(*states)[2]
-    return np.array([system.loop_rows(p, t)[1].T @ lam for t, p, _, lam in zip(*states, strict=True)])
+    compiled = blank_system(system.model, system.data)
+    system.all_rows().hand_over(compiled)
+    return compiled.residuals(*states)[2]

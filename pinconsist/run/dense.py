@@ -9,16 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..engine import bdf
-from ..engine.charts import chart_point
 from ..engine.problem import Index3System
 from ..errors import InputError
 
 
 class Curve(ABC):
-    """The polynomials of successive steps of one system, from `start` to their `ends`.
-
-    A segment has ``t_old`` and ``end``; called with a time it returns (p, v, λ).
-    """
+    """The polynomials of successive steps of one system, from `start` to their `ends`."""
 
     ends: np.ndarray
     system: Index3System
@@ -37,10 +33,6 @@ class Curve(ABC):
         """Index of the step at each of the times."""
         return np.minimum(np.searchsorted(self.sign * self.ends, self.sign * times), len(self.ends) - 1)
 
-    @abstractmethod
-    def segment(self, i: int):
-        """The polynomial of one step."""
-
     def until(self, end: float) -> Curve:
         """The same polynomials, used only up to `end`."""
         last = int(self.holders(end))
@@ -50,45 +42,23 @@ class Curve(ABC):
     def _cut(self, last, end) -> Curve:
         """The steps up to one of them, which is used up to `end`."""
 
+    @abstractmethod
     def __call__(self, times):
         """(p, v, λ) at several times, as arrays."""
-        rows = [self.segment(i)(t) for i, t in zip(self.holders(times), times, strict=True)]
-        return tuple(map(np.array, zip(*rows, strict=True)))
 
     @abstractmethod
     def with_others(self, curves) -> Curve:
         """One curve made of this one and the ones that follow."""
 
 
-@dataclass(frozen=True)
-class Segment:
-    """The polynomial of degree k over one step from `t_old` to `end`, in [ξ | v | λ], exact at both of its ends.
-
-    Positions on a manifold are interpolated in the chart at `base`, so they stay on it; loops are closed in between
-    to the order of the method.
-    """
-
-    t_old: float
-    end: float
-    t: float
-    h: float
-    k: int
-    base: np.ndarray
-    Z: np.ndarray
-    system: Index3System
-
-    def __call__(self, t: float):
-        """(p, v, λ) at a time inside the step."""
-        y = bdf.interpolate(self.k, (t - self.t) / self.h).dot(self.Z[: self.k + 1])
-        nx, nv = self.system.nx, self.system.nv
-        return chart_point(self.system, self.base, y[:nx]), y[nx : nx + nv], y[nx + nv :]
-
-
 @dataclass
 class Tables(Curve):
-    """A curve as arrays with an entry for each step; the fields are those of :class:`Segment`.
+    """Polynomials in [ξ | v | λ] of steps from `t_old` to their ends, exact at both, as arrays with an entry a step.
 
-    ``chart_points(bases, ξ)`` returns the positions of a stack of rows; if None, they are computed one by one.
+    The polynomial of a step has the degree k, and backward differences Z about its time t, of size h. Positions on a
+    manifold are interpolated in the chart at `base`, so they stay on it; loops are closed in between to the order of
+    the method. ``chart_points(bases, ξ)`` returns the positions of a stack of rows; if None, they are computed one by
+    one.
     """
 
     t_old: np.ndarray
@@ -105,9 +75,6 @@ class Tables(Curve):
     def start(self) -> float:
         """Where the first step begins."""
         return self.t_old[0]
-
-    def segment(self, i):
-        return Segment(*(column[i] for column in self._columns()), self.system)
 
     def _columns(self):
         return self.t_old, self.ends, self.t, self.h, self.k, self.base, self.Z

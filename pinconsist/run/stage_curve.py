@@ -1,7 +1,5 @@
 """The polynomials of steps of Radau IIA, evaluated in C++."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ..engine import required
@@ -23,14 +21,15 @@ class StageCurve(Curve):
     """
 
     def __init__(self, steps, start, ends, system, sampler: list):
-        self._steps, self._start, self.ends, self.system, self._sampler = steps, start, ends, system, sampler
+        self._steps = steps
+        self._start = start
+        self.ends = ends
+        self.system = system
+        self._sampler = sampler
 
     @property
     def start(self):
         return self._start
-
-    def segment(self, i):
-        return StageSegment(self, i, self.ends[i - 1] if i else self.start, self.ends[i])
 
     def step(self, i) -> tuple:
         """Of a step: start, size, number of stages; p and v there; accelerations of stages; p and v at its end."""
@@ -41,35 +40,16 @@ class StageCurve(Curve):
         return StageCurve(self._steps.first(last + 1), self.start, ends, self.system, self._sampler)
 
     def __call__(self, times):
-        return self._found(self._sampling().rows(self._steps, self.holders(times), times), times)
-
-    def row(self, i, t):
-        """(p, v, λ) at a time of a step."""
-        return self._found(self._sampling().row(self._steps, i, t), [t])
+        found = self._sampling().rows(self._steps, self.holders(times), times)
+        if isinstance(found, int):
+            raise SingularSystemError(singular_message(times[found]))
+        return found
 
     def _sampling(self):
         """The object that evaluates the polynomials; a curve that outlives its run keeps none with user's functions."""
         return self._sampler[0] if self._sampler else required().Sampler(compiled_system(self.system))
 
-    @staticmethod
-    def _found(rows, times):
-        if rows is None:
-            raise SingularSystemError(singular_message(times[0]))
-        return rows
-
     def with_others(self, curves):
-        steps, ends = self._steps.joined([each._steps for each in curves]), [each.ends for each in (self, *curves)]
-        return StageCurve(steps, self.start, np.concatenate(ends), self.system, self._sampler)
-
-
-@dataclass(frozen=True)
-class StageSegment:
-    """One step of a curve."""
-
-    curve: StageCurve
-    i: int
-    t_old: float
-    end: float
-
-    def __call__(self, t):
-        return self.curve.row(self.i, t)
+        steps = self._steps.joined([each._steps for each in curves])
+        ends = np.concatenate([each.ends for each in (self, *curves)])
+        return StageCurve(steps, self.start, ends, self.system, self._sampler)

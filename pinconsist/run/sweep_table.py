@@ -194,12 +194,13 @@ def write_table(file, sweep: SceneSweep, cases, measured: dict[int, dict]) -> No
 
 def _gap(sol) -> float:
     """`Certificate.position` alone: the forces, most of a certificate's work, are not in the table."""
-    system, rows = sol.system, range(len(sol.t))
-    if len(sol.t) and system.rows.nc and (compiled := blank_system(system.model, system.data)) is not None:
-        system.all_rows().hand_over(compiled)
-        rows = [int(np.abs(compiled.gaps(sol.t, sol.q)).max(axis=1).argmax())]
-    gaps = [system.loop_rows(sol.q[i], sol.t[i])[0] for i in rows]
-    return float(np.abs(gaps).max(initial=0.0))
+    system = sol.system
+    if not len(sol.t) or not system.rows.nc:
+        return 0.0
+    compiled = blank_system(system.model, system.data)
+    system.all_rows().hand_over(compiled)
+    widest = int(np.abs(compiled.gaps(sol.t, sol.q)).max(axis=1).argmax())
+    return float(np.abs(system.loop_rows(sol.q[widest], sol.t[widest])[0]).max())
 
 
 class Journal:
