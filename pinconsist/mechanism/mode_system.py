@@ -26,6 +26,11 @@ class Mode(NamedTuple):
     direction: tuple[float, ...] = ()
 
 
+def first_rows(elements) -> np.ndarray:
+    """Where the rows of each element begin among those of all, and their number after them."""
+    return np.concatenate(([0], np.cumsum([each.size for each in elements]))).astype(int)
+
+
 class ModeSystem(MechanismSystem):
     """The system of `base`, which has the loops and forces, with the rows of `elements` in their `modes`.
 
@@ -40,7 +45,7 @@ class ModeSystem(MechanismSystem):
         vars(self).update(vars(base))
         self.base, self.elements, self.every, self.modes = base, elements, every, tuple(modes)
         self._start, self.still = J, still
-        self.firsts = np.concatenate(([0], np.cumsum([each.size for each in elements]))).astype(int)
+        self.firsts = first_rows(elements)
         chosen, self.redundant = _independent(J[: base.nc], self._wanted(), J[base.nc :])
         self.used: dict[int, dict[int, int]] = {}
         place = base.nc

@@ -14,7 +14,7 @@ from ..engine.systems import blank_system, compiled_system
 from ..errors import InputError
 from ..mechanism.checks import near, read_only
 from ..mechanism.contacts import DistanceElement, PlaneElement
-from ..mechanism.mode_system import OPEN, STICK, Mode, ModeSystem
+from ..mechanism.mode_system import OPEN, STICK, Mode, ModeSystem, first_rows
 from ..mechanism.names import velocity_units
 from ..mechanism.rows import LoopRows
 from ..mechanism.system import MechanismSystem
@@ -94,7 +94,7 @@ class ContactHistory:
                 continue
             starts.append(float(period.t))
             tables.append(period.system.modes)
-        impacts = tuple(ContactImpact(*each) for each in trajectory.impacts)
+        impacts = tuple(trajectory.impacts)
         names = tuple(each.name for each in trajectory.periods[0].system.elements)
         return ContactHistory(names, tuple(starts), tuple(tables), impacts, trajectory.periods[-1].system.still)
 
@@ -194,14 +194,14 @@ class EquationsInModes:
 def mode_system(base, modes, t, q, still) -> ModeSystem:
     """The equations in one mode at a position in it."""
     elements, v = base.mechanism.contact_elements, np.zeros(base.nv)
-    every = all_rows(base, elements)
+    every = all_rows(elements, base.model, base.data)
     J = np.vstack((compiled_system(base).dynamics(t, q, v)[2], every.evaluate(t, q, v, v)[2]))
     return ModeSystem(base, elements, every, modes, J, still)
 
 
-def all_rows(system, elements):
+def all_rows(elements, model, data=None):
     """A compiled system with all rows of these elements, without loops and forces."""
-    every = blank_system(system.model, system.data)
+    every = blank_system(model, data)
     for element in elements:
         element.add(every)
     return every
@@ -222,7 +222,7 @@ def contact_motion(solution, mechanism, name) -> ContactMotion:
     if not of:
         there = f"the contacts are {', '.join(names)}" if names else "it has no contacts"
         raise InputError(f"{mechanism.name}: no contact {name!r}{near(name, names)}; {there}")
-    firsts = mechanism.nc + np.concatenate(([0], np.cumsum([each.size for each in elements]))).astype(int)
+    firsts = mechanism.nc + first_rows(elements)
     phi, rates = rows_of(solution, mechanism, elements)
     gap, force, slip = _measured(solution, mechanism, elements, of, firsts, phi, rates)
     kinds = [[table[i].kind for i in of] for table in solution.contacts.tables]
@@ -233,11 +233,9 @@ def contact_motion(solution, mechanism, name) -> ContactMotion:
 
 def rows_of(solution, mechanism, elements):
     """Positions and rates of all rows of elements at the rows of a solution, (n, m) each."""
-    every = blank_system(mechanism.model)
-    for element in elements:
-        element.add(every)
     t, q, v = solution.t, solution.q, solution.v
-    return every.residuals(t, q, v, np.zeros((len(t), sum(each.size for each in elements))))[:2]
+    none = np.zeros((len(t), int(first_rows(elements)[-1])))
+    return all_rows(elements, mechanism.model).residuals(t, q, v, none)[:2]
 
 
 def _measured(solution, mechanism, elements, of, firsts, phi, rates):

@@ -27,9 +27,10 @@ import numpy as np
 from ..engine import required
 from ..engine.complementarity import Grip, Push, solve
 from ..engine.norms import EPS, largest
-from ..engine.systems import blank_system, compiled_system
+from ..engine.systems import compiled_system
 from ..errors import InputError, PinconsistError
-from ..mechanism.mode_system import CLOSED, OPEN, SLIP, STICK, Mode, ModeSystem
+from ..mechanism.mode_system import CLOSED, OPEN, SLIP, STICK, Mode, ModeSystem, first_rows
+from .contact_results import ContactImpact, all_rows
 
 TOUCHING = 1e-9  # gap at a start that counts as closed; deeper ones are errors
 SAME_GAP = 1e-10  # gap, relative to positions, of what takes part in an impact of others
@@ -44,16 +45,6 @@ FLIGHT = 1e3  # roundings of the position: the height of flights that are not re
 UNSOLVED = 1e-6  # residual of a complementarity problem that has no solution
 GAIN = 1e-9  # kinetic energy, relative, that an impact may gain by rounding
 AT_ONCE = 30  # changes of mode at one time after which a run ends
-
-
-class Struck(NamedTuple):
-    """An impact: its time, s; impulses, N s or N m s, and speeds of approach by contact; the energy lost, J."""
-
-    t: float
-    impulses: dict
-    speeds: dict
-    energy_lost: float
-    jam: bool = False
 
 
 class Period(NamedTuple):
@@ -79,19 +70,17 @@ class Modes:
         The equations of the present mode.
     periods : list of Period
         All modes so far.
-    impacts : list of Struck
+    impacts : list of ContactImpact
     """
 
     def __init__(self, base, rtol, atol):
         self.base, self._rtol, self._atol = base, rtol, atol
         self.elements = base.mechanism.contact_elements
-        self.firsts = np.concatenate(([0], np.cumsum([each.size for each in self.elements]))).astype(int)
+        self.firsts = first_rows(self.elements)
         self.still = max(10.0 * atol, 1e-12)
         self.periods: list[Period] = []
-        self.impacts: list[Struck] = []
-        self.every = blank_system(base.model, base.data)
-        for element in self.elements:
-            element.add(self.every)
+        self.impacts: list[ContactImpact] = []
+        self.every = all_rows(self.elements, base.model, base.data)
         self._loops = compiled_system(base)
         self._levels: list[float] = [0.0] * len(self.elements)
         self._speeds = np.zeros(len(self.elements))  # the largest of approach so far
@@ -340,7 +329,7 @@ class Modes:
             if (of := impulses[k : k + 1 + (element.tangents if element.static else 0)]).any():
                 found[element.name] = of.copy() if len(of) > 1 else float(of[0])
                 speeds[element.name] = float(-u[k])
-        self.impacts.append(Struck(float(state.t), found, speeds, float(lost), jam))
+        self.impacts.append(ContactImpact(float(state.t), found, speeds, float(lost), jam))
 
     def _decided(self, state, closed, fired, before):
         """The modes by the accelerations, and the velocity, which a jam changes."""
