@@ -18,6 +18,7 @@ A run is divided into modes, in each of which every element is open, or closed, 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from math import pi
 from sys import float_info
@@ -36,15 +37,15 @@ PLACES = 5  # random configurations at which tangents are compared
 VANISHES = 1e-9  # relative motion along a tangent, relative to the largest, that counts as none
 
 
-class ContactRecord:
+class ContactRecord(ABC):
     """The base of the records of this module."""
 
     name: str
     kind: ClassVar[str]
 
+    @abstractmethod
     def elements(self, model) -> list[Element]:
         """The elements on a `model`; raises InputError for unknown joints and frames."""
-        raise NotImplementedError
 
 
 def _restitution(record, who):
@@ -137,15 +138,17 @@ def limits_of(model, joint) -> tuple[float | None, float | None]:
     return (low if abs(low) < float_info.max else None), (high if abs(high) < float_info.max else None)
 
 
+@dataclass(frozen=True)
 class _Between(ContactRecord):
     """What :class:`Rope` and :class:`Strut` have in common."""
 
+    name: str
     frame1: str
-    frame2: str
-    length: float
-    xyz1: tuple[float, float, float]
-    xyz2: tuple[float, float, float]
-    restitution: float
+    frame2: str = GROUND
+    length: float = 0.0
+    xyz1: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    xyz2: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    restitution: float = 0.0
 
     def __post_init__(self):
         who = f"{self.kind} {self.name!r}"
@@ -180,14 +183,6 @@ class Rope(_Between):
         Numbers that cannot be used; on a model, unknown frames, or two on one body.
     """
 
-    name: str
-    frame1: str
-    frame2: str = GROUND
-    length: float = 0.0
-    xyz1: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    xyz2: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    restitution: float = 0.0
-
     kind: ClassVar[str] = "rope"
 
 
@@ -213,14 +208,6 @@ class Strut(_Between):
     InputError
         Numbers that cannot be used; on a model, unknown frames, or two on one body.
     """
-
-    name: str
-    frame1: str
-    frame2: str = GROUND
-    length: float = 0.0
-    xyz1: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    xyz2: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    restitution: float = 0.0
 
     kind: ClassVar[str] = "strut"
 
@@ -324,7 +311,7 @@ CONTACTS: dict[str, type] = {each.kind: each for each in (Stop, Rope, Strut, Con
 """Kinds in loop files → records."""
 
 
-class Element:
+class Element(ABC):
     """One gap, one friction, or both, on a model.
 
     Attributes
@@ -360,9 +347,9 @@ class Element:
         """The number of its rows."""
         return self.pushes + self.tangents
 
+    @abstractmethod
     def add(self, compiled, rows=None, at=None) -> None:
         """Add all its rows to a compiled system, or those with these indices; tangential ones from `at` on, (k,)."""
-        raise NotImplementedError
 
 
 class LimitElement(Element):

@@ -152,8 +152,21 @@ class _BoundSpring(BoundForce):
         return l, r / l, point2.J - point1.J, point1, point2
 
 
+class _BetweenFrames(ForceRecord):
+    """A force between two frames, by whose names it is called."""
+
+    frame1: str
+    frame2: str
+
+    _acts_on = "_ends"
+
+    @property
+    def _ends(self) -> str:
+        return self.frame1 if self.frame2 == GROUND else f"{self.frame1}-{self.frame2}"
+
+
 @dataclass(frozen=True)
-class SpringDamper(ForceRecord):
+class SpringDamper(_BetweenFrames):
     """A spring and damper along the line between two points.
 
     The tension, positive for a pull, is T = k (l - l₀) + d dl/dt, with l the distance between the points. If the points
@@ -187,9 +200,8 @@ class SpringDamper(ForceRecord):
     xyz1: tuple[float, float, float] = ZERO
     xyz2: tuple[float, float, float] = ZERO
 
-    _kind, _acts_on, _law = "spring", "_ends", _BoundSpring
+    _kind, _law = "spring", _BoundSpring
     _who = property(lambda self: f"spring between {self.frame1!r} and {self.frame2!r}")
-    _ends = property(lambda self: self.frame1 if self.frame2 == GROUND else f"{self.frame1}-{self.frame2}")
 
     def __post_init__(self):
         put_checked(self, "SpringDamper", name, "frame1", "frame2")
@@ -266,7 +278,7 @@ class _BoundBushing(BoundForce):
 
 
 @dataclass(frozen=True)
-class Bushing(ForceRecord):
+class Bushing(_BetweenFrames):
     """A spring and damper of six directions between two frames.
 
     Its coordinates are those of anchor 2 seen from anchor 1: the position, with components in the axes halfway between
@@ -300,9 +312,8 @@ class Bushing(ForceRecord):
     xyz2: tuple[float, float, float] = ZERO
     rpy2: tuple[float, float, float] = ZERO
 
-    _kind, _acts_on, _law = "bushing", "_ends", _BoundBushing
+    _kind, _law = "bushing", _BoundBushing
     _who = property(lambda self: f"bushing between {self.frame1!r} and {self.frame2!r}")
-    _ends = property(lambda self: self.frame1 if self.frame2 == GROUND else f"{self.frame1}-{self.frame2}")
 
     def __post_init__(self):
         put_checked(self, "Bushing", name, "frame1", "frame2")
