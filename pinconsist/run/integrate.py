@@ -137,7 +137,9 @@ def integrate(
 
 def trajectory_of(stepper, method, record, watch, t_span, status, message) -> Trajectory:
     """The trajectory that was recorded so far."""
-    rows, newton, modes = record.arrays(stepper.system), stepper.newton, watch.modes
+    rows = record.arrays(stepper.system)
+    newton = stepper.newton
+    modes = watch.modes
     h, order = record.steps(rows[0])
     return Trajectory(
         *rows, system=stepper.system, status=status, message=message, nsteps=record.nsteps,
@@ -153,8 +155,10 @@ def modes_of(system, method, t_span):
 
     Raises InputError where contacts are not supported.
     """
-    contacts = getattr(getattr(system, "mechanism", None), "contacts", ())
-    if not contacts or isinstance(system, ModeSystem):
+    if system.mechanism is None or isinstance(system, ModeSystem):
+        return None
+    contacts = system.mechanism.contacts
+    if not contacts:
         return None
     names = ", ".join(repr(each.name) for each in contacts[:4])
     if method.name != "Radau":
@@ -213,7 +217,10 @@ class March:
     """
 
     def __init__(self, stepper, t_span, method, record, watch, interrupted):
-        self.stepper, self.method, self.record, self.watch = stepper, method, record, watch
+        self.stepper = stepper
+        self.method = method
+        self.record = record
+        self.watch = watch
         self.t, self.t_end = t_span
         self._interrupted = interrupted
         self._with_curve = record.needs_curve
@@ -269,7 +276,9 @@ class March:
 
     def _more(self, until) -> StepBatch:
         """More steps, at most as many as there may be before something has to be looked at."""
-        stepper, most, left = self.stepper, self.stepper.batch, self._steps_left()
+        stepper = self.stepper
+        most = stepper.batch
+        left = self._steps_left()
         if not stepper.system.dropped_are_zero:
             most = min(most, stepper.rows_watched - self.record.nsteps % stepper.rows_watched)
         forces = stepper.system if self._passes else None
@@ -323,12 +332,14 @@ class March:
             return True
         self.stepper.change_system(self.watch.modes.rebased(self.stepper.t, fresh.base))
         self.watch.enter_mode(self.stepper)
-        t, p, v = self.stepper.t, self.stepper.p, self.stepper.v
-        self.watch.restart(t, p, v, self.stepper.index1.acceleration(t, p, v)[1])
+        state = self.stepper.t, *self._state()
+        lam = self.stepper.index1.acceleration(*state)[1]
+        self.watch.restart(*state, lam)
         return True
 
     def _stop_without_progress(self) -> None:
-        record, most = self.record, self.method.max_steps
+        record = self.record
+        most = self.method.max_steps
         if most is not None and record.nsteps >= most:
             raise Stop(FAILED, f"max_steps = {most} used up at t = {record.reached:.6g} of {self.t_end:.6g}")
         if self._pace.lost(record.nsteps, self.t, self.t_end, partial(jumping, self.stepper)):
@@ -344,7 +355,9 @@ class March:
         Where rates of constraints jump, too, it starts from the velocities projected onto the new rates: the effect of
         an impulse along the constraints.
         """
-        stepper, system, t = self.stepper, self.stepper.system, self.t
+        stepper = self.stepper
+        system = stepper.system
+        t = self.t
         p, v = self._state()
         unpushed = Start(p, v, None, jumped) if other_rows else Resumption(jumped)
         if not (jumped and system.moving):
@@ -363,8 +376,11 @@ class March:
 
     def _after_events(self, fired, t, state, final) -> Start:
         """The start after events; Stop if one ends the run."""
-        stepper, record, watch = self.stepper, self.record, self.watch
-        (p, v, lam), ended = state, watch.ended(fired)
+        stepper = self.stepper
+        record = self.record
+        watch = self.watch
+        p, v, lam = state
+        ended = watch.ended(fired)
         fired = [i for i in fired if i < len(watch.events)]
         events = [watch.events[i] for i in fired]
         self.t = t
@@ -384,17 +400,22 @@ class March:
             p, v = self._other_modes(t, p, v, ended)
         known = stepper.index1.acceleration(t, p, v)
         record.jump(t, p, v, known[1])
-        if why := watch.restart_after(fired, moved, stepper.system, t, p, v, known, record.forward):
+        why = watch.restart_after(fired, moved, stepper.system, t, p, v, known, record.forward)
+        if why:
             raise Stop(FAILED, why)
-        if (hit := watch.passed(before, fired, t, p, v, known[1])) is not None:
+        hit = watch.passed(before, fired, t, p, v, known[1])
+        if hit is not None:
             return self._after_events(*hit)
         return Start(p, v, known)
 
     def _other_modes(self, t, p, v, ended):
         """Position and velocity after a change of the modes of contacts."""
-        stepper, modes, beyond = self.stepper, self.watch.modes, None
+        stepper = self.stepper
+        modes = self.watch.modes
+        beyond = None
         if ended and ended[0][0] is None:  # redundant rows, whose modes are those a little later
-            a, later = stepper.index1.acceleration(t, p, v)[0], BEYOND * abs(stepper.h)
+            a = stepper.index1.acceleration(t, p, v)[0]
+            later = BEYOND * abs(stepper.h)
             beyond = t + later, stepper.system.integrate(p, later * v), v + later * a
         p, v = modes.change(t, p, v, ended, beyond)
         if modes.system is not stepper.system:
