@@ -1,4 +1,4 @@
-// The collocation polynomial of a step: extended to the next one, and RadauSegment of run/segments.py at many times.
+// The collocation polynomial of a step: extended to the next one, and evaluated between its ends.
 #pragma once
 
 #include "index1.hpp"

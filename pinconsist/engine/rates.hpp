@@ -1,4 +1,4 @@
-// gradients/known.py: the known derivatives of f by many parameters.
+// run/known.py: the known derivatives of f by many parameters.
 #pragma once
 
 #include "linear.hpp"

@@ -122,7 +122,6 @@ void bind_signs(nb::module_ &m) {
       .def_ro("end", &Signs::end)
       .def_ro("before", &Signs::before)
       .def_ro("values", &Signs::values)
-      .def_ro("with_multipliers", &Signs::with_multipliers)
       .def_rw("changed", &Signs::changed)
       .def("restart", &Signs::restart)
       .def("leaves", &Signs::leaves)

@@ -11,7 +11,7 @@ import numpy as np
 from ..engine import constant, required
 from ..engine.index1 import Index1
 from ..engine.norms import largest
-from ..engine.systems import blank_system, compiled_system
+from ..engine.systems import blank_system
 from ..errors import PinconsistError
 from ..mechanism.energy import compiled_forces, integrals, total_power
 from ..mechanism.forces.held import sided
@@ -320,8 +320,9 @@ def measured(system, states, workspace, contacts=None):
     if workspace is not None and (found := _compiled(system, states, workspace)) is not None:
         return found
     rows, acting = [], 0.0  # also used if the equations have no solution: the error says why
+    index1 = Index1(system)
     for t, p, v, lam in zip(*states, strict=True):
-        exact = Index1(system).acceleration(t, p, v)[1]
+        exact = index1.acceleration(t, p, v)[1]
         f, gap, G, _ = system.evaluate(t, p, v, np.zeros(system.nv))
         hidden, weights, exact = system.constraint(t, p, system.rate(t, p, v))[1], f, G @ exact
         if workspace is not None:
@@ -380,7 +381,7 @@ class Equations:
             run = getattr(sol.system, "breakpoints", None)
             fresh.breakpoints.look_over(sol.t[0], sol.t[-1], sol.q[0], sol.v[0], run)
         if fresh is not None:
-            self._index1 = Index1(fresh, compiled_system(fresh))
+            self._index1 = Index1(fresh)
         return self._index1
 
 

@@ -187,7 +187,7 @@ class EquationsInModes:
             if self._base is None or known is not None:
                 self._base = MechanismSystem(self._mechanism, q, t)
             system = mode_system(self._base, modes, t, q, self._history.still)
-            self._known[modes] = known = Index1(system, compiled_system(system))
+            self._known[modes] = known = Index1(system)
         return known
 
 
