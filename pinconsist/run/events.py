@@ -325,8 +325,8 @@ class EventWatch:
         return (
             f"the event {self.events[i].name or 'without a name'} accumulates at t = {t:.6g}, after "
             f"{len(self.found[i])} occurrences: the times between them have shrunk to {flight:.1g} s. What bounces "
-            "there comes to rest, which no event can model: end the run before (terminal=a number of occurrences) and "
-            "go on with a mechanism in which it is held by a loop, or let a spring and a damper make the contact"
+            "there comes to rest, which no event can model, but a contact can: in place of the event, "
+            "mech.with_contacts(pc.Stop(joint, lower, upper, restitution)), or pc.Contact for a point above a plane"
         )
 
     def jumped(self, t, p, v, lam):
