@@ -11,7 +11,7 @@ from helpers.bodies import loop_rows
 from helpers.urdf_texts import CHAIN, A, B, C, joint, write
 from helpers.warned import told
 
-from pinconsist.errors import FormatError, InputError
+from pinconsist.errors import InputError
 from pinconsist.formats import load, models
 
 ROBOTS = Path(__file__).parents[2] / "shared" / "robots"
@@ -165,12 +165,13 @@ def test_dynamics_and_massless_links_and_namespaces_are_read(robot):
     assert (model.damping[0], model.upperDryFrictionLimit[0], model.inertias[1].mass) == (0.3, 0.2, 0)
 
 
-def test_free_flyer_makes_a_single_link_move(robot):
-    path = robot(A)
-    with pytest.raises(FormatError, match="nothing can move"):
-        load(path)
-    mech = load(path, free_flyer=True)
+def test_a_robot_without_moving_joints_floats(robot):
+    path = robot(A + B + joint(kind="fixed"))
+    with pytest.warns(UserWarning, match="no joint of it moves, and its link 'a' floats"):
+        mech = load(path)
     assert (mech.nq, mech.nv, mech.joints) == (7, 6, ("root_joint",))
+    asked = load(path, free_flyer=True)
+    assert asked.joints == mech.joints and asked.model.inertias[1] == mech.model.inertias[1]
 
 
 def test_shapes_keep_colours_and_unknown_ones_are_left_out(robot):

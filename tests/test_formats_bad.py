@@ -22,8 +22,11 @@ BAD_URDF = {
     "same link": (A + A, "link 'a': two links"),
     "same joint": (CHAIN + joint(), "joint 'j': two joints"),
     "no link": ("", "there is no link"),
-    "one link": (A, "nothing can move"),
-    "all fixed": (A + B + joint(kind="fixed"), "nothing can move"),
+    "one link": ('<link name="a"/>', "nothing can move: all joints are fixed, and no link has a mass"),
+    "all fixed": (
+        A + '<link name="world"/>' + joint("j", "world", "a", kind="fixed"),
+        "nothing can move.*is the ground",
+    ),
     "universe": (A + '<link name="universe"/>', "link 'universe': .*name of the ground"),
     "type": (A + B + joint(kind="hinge"), "joint 'j': type 'hinge' is not one of revolute"),
     "parent": (CHAIN + '<link name="d"/>' + joint("l", "bb", "d"), "joint 'l': its parent link 'bb' does not exist"),

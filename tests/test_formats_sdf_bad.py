@@ -54,8 +54,8 @@ BAD = {
     "reserved": (A + link("__model__"), "link '__model__': the name is reserved"),
     "world": (A + link("world"), "link 'world': the name is reserved"),
     "universe": (A + link("universe"), "link 'universe': the name is reserved"),
-    "nothing moves": (A, "nothing can move"),
-    "all fixed": (A + B + joint(kind="fixed"), "nothing can move"),
+    "nothing moves": (A + joint(parent="world", child="a", kind="fixed"), "nothing can move"),
+    "all fixed": (A + B + joint(kind="fixed") + joint("k", "world", "a", kind="fixed"), "nothing can move"),
     "include": (
         CHAIN + "<include><uri>model://x</uri></include>",
         "include 'model://x': there is no such model beside the file.*package_dirs=",

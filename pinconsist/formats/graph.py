@@ -303,18 +303,18 @@ def _follow(by_name, joint, part, follower):
     return Coupling(f"{part} mimic", part, other, ratio=follower.ratio, offset=follower.offset)
 
 
-def build(scene, graph: JointGraph, inertias: Mapping[str, pin.Inertia], name: str, floats: bool):
+def build(scene, graph: JointGraph, inertias: Mapping[str, pin.Inertia], name: str, floating: Iterable[str]):
     """The model of a graph, and the initial positions of its joints and floating roots by the names of their joints.
 
-    With `floats` the roots float; otherwise they are fixed at their poses. `inertias` are those of the links, in their
-    own frames. FormatError if names clash, or if nothing moves or floats.
+    The roots in `floating` float; the others are fixed at their poses. `inertias` are those of the links, in their own
+    frames. FormatError if names clash, or if nothing moves or floats.
     """
     tree, guess = _Tree(scene, graph, inertias, name), {}
     for body in graph.held:
         tree.add_subtree(body, tree.place(body))
     for body in graph.roots:
-        if floats:
-            root, pose = ROOT_JOINT if len(graph.roots) == 1 else f"{body}_{ROOT_JOINT}", scene.bodies[body].pose
+        if body in floating:
+            root, pose = ROOT_JOINT if len(floating) == 1 else f"{body}_{ROOT_JOINT}", scene.bodies[body].pose
             carrier = tree.add(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), root)
             guess[root] = pin.SE3ToXYZQUAT(pose)
             tree.add_subtree(body, (carrier, pin.SE3.Identity()))
@@ -326,7 +326,7 @@ def build(scene, graph: JointGraph, inertias: Mapping[str, pin.Inertia], name: s
     for joint in graph.cut:
         tree.add_frame(joint.name, joint.child, joint.on_child, pin.FrameType.OP_FRAME)
     if not tree.model.nv:
-        raise FormatError("nothing can move: all joints are fixed (free_flyer would let it move)")
+        raise FormatError("nothing can move: all joints are fixed")
     return tree.model, guess | tree.guess
 
 

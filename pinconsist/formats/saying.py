@@ -162,33 +162,48 @@ def least_inertia(model) -> pin.Inertia:
     return pin.Inertia(mass, np.zeros(3), mass * np.eye(3))
 
 
+def in_world(mechanism: Mechanism):
+    """(joint, its numbers in q) → those in a file in which free joints are placed relative to the world."""
+    model = mechanism.model
+
+    def convert(name, own):
+        joint = model.getJointId(name)
+        if model.nvs[joint] != 6:
+            return own
+        return pin.SE3ToXYZQUAT(model.jointPlacements[joint] * pin.XYZQUATToSE3(np.array(own)))
+
+    return convert
+
+
 def require_same_motion(mechanism, back, convert=None, tolerance=1e-9) -> None:
     """Raise Unsaid unless the accelerations of both mechanisms agree at closed states.
 
-    `convert` maps (joint, its numbers in q) to those of `back`, whose joints have the same names.
+    `convert` maps (joint, its numbers in q) to those of `back`, whose joints have the same names. A free joint may be
+    missing there, if the loops determine where its body is.
     """
     model, rng = mechanism.model, np.random.default_rng(0)
     names = {name: _in_file(back.model, name) for name in mechanism.joints}
-    lost = [name for name, there in names.items() if there is None]
-    if lost or back.nv < model.nv:
-        raise Unsaid(f"joint {(lost or ['?'])[0]!r} is not there when it is read back")
+    for name in [name for name, there in names.items() if there is None]:
+        if model.nvs[model.getJointId(name)] != 6 or not mechanism.loops:
+            raise Unsaid(f"joint {name!r} is not there when it is read back")
+        del names[name]
     start = assemble(mechanism).q if mechanism.loops else np.array(mechanism.guess)
     for _ in range(3):
         q = start if mechanism.loops else integrate(model, start, rng.uniform(-0.5, 0.5, model.nv))
         v = _consistent(mechanism, q, rng.normal(size=model.nv))
         mine = _acceleration(mechanism, q, v)
-        q_back, v_back = np.array(back.guess), np.zeros(back.nv)
-        for name in mechanism.joints:
-            ours, theirs = places(model, model.getJointId(name)), places(back.model, names[name])
+        q_back, v_back, other = np.array(back.guess), np.zeros(back.nv), np.ones(back.nv, bool)
+        for name, there in names.items():
+            ours, theirs = places(model, model.getJointId(name)), places(back.model, there)
             q_back[theirs[0]] = convert(name, q[ours[0]]) if convert else q[ours[0]]
-            v_back[theirs[1]] = v[ours[1]]
-        if back.nv > model.nv:
+            v_back[theirs[1]], other[theirs[1]] = v[ours[1]], False
+        if other.any():
             q_back = assemble(back, q_back).q
-        v_back = _consistent(back, q_back, v_back)
+        v_back = _consistent(back, q_back, v_back, other)
         found = _acceleration(back, q_back, v_back)
         size = max(1.0, np.abs(mine).max(initial=0.0))
-        for name in mechanism.joints:
-            ours, theirs = places(model, model.getJointId(name))[1], places(back.model, names[name])[1]
+        for name, there in names.items():
+            ours, theirs = places(model, model.getJointId(name))[1], places(back.model, there)[1]
             if np.abs(mine[ours] - found[theirs]).max() > tolerance * size:
                 raise Unsaid(f"joint {name!r} moves differently when it is read back; please report this")
 
@@ -201,10 +216,12 @@ def _in_file(model, name):
     return None
 
 
-def _consistent(mechanism, q, v):
-    """The velocity nearest to `v` that the loops allow."""
+def _consistent(mechanism, q, v, free=None):
+    """The velocity nearest to `v` that the loops allow; the components in the mask `free` may take any value."""
     rows = LoopRows(mechanism.model, mechanism.loops)
     J = rows.at(mechanism.model.createData(), q)[1]
+    if free is not None and free.any() and len(J):
+        v[free] = -np.linalg.lstsq(J[:, free], J @ np.where(free, 0.0, v), rcond=1e-9)[0]
     return v - np.linalg.pinv(J, rcond=1e-9) @ (J @ v) if len(J) else v
 
 

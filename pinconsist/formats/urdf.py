@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from ..errors import FormatError, warn
 from .drake import joints_in_urdf
-from .extensions import LOOP_TAGS, left_out, sorted_records
+from .extensions import LOOP_TAGS, WORLDS, left_out, sorted_records
 from .ignored import COLLISIONS, LIMITS, Ignored
 from .joints import AS_WRITTEN, replaced
 from .plausible import angles_of, inertias_of, limits_of, warn_of_degrees, warn_of_inertias, warn_of_limits
@@ -64,7 +64,9 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), joint_t
             raise FormatError("only a revolute joint can be made unbounded", element=element)
         joints[joint].set("type", AS_WRITTEN[types.pop(joint)])
     urdf = tostring(robot, encoding="unicode")
-    model = _built(urdf, free_flyer, {name: joint.get("type") for name, joint in joints.items()})
+    kinds = {name: joint.get("type") for name, joint in joints.items()}
+    free_flyer = free_flyer or _floats(path, robot, kinds)
+    model = _built(urdf, free_flyer, kinds)
     for limits in (model.lowerPositionLimit, model.upperPositionLimit):
         limits[:] = np.where(np.abs(limits) < UNLIMITED, limits, np.copysign(np.inf, limits))
     warn_of_inertias(path, inertias_of(robot, model))
@@ -103,11 +105,23 @@ def _ignored(raw: Element) -> Ignored:
     return ignored
 
 
+def _floats(path, robot, kinds) -> bool:
+    """Whether a robot floats although nobody asked: none of its joints moves, and it has a mass and no ground."""
+    if not set(kinds.values()) <= {"fixed"}:
+        return False
+    children = {joint.find("child").get("link") for joint in robot.findall("joint")}
+    root = next(link.get("name") for link in robot.findall("link") if link.get("name") not in children)
+    if root in WORLDS:
+        raise FormatError(f"nothing can move: all joints are fixed, and the link {root!r} is the ground")
+    if not any(float(mass.get("value")) for mass in robot.iter("mass")):
+        raise FormatError("nothing can move: all joints are fixed, and no link has a mass")
+    warn(f"{path}: no joint of it moves, and its link {root!r} floats")
+    return True
+
+
 def _built(urdf, free_flyer, kinds):
     if free_flyer and ROOT_JOINT in kinds:
         raise FormatError("a free-flyer adds a joint of this name; rename this one", element=f"joint {ROOT_JOINT!r}")
-    if not free_flyer and set(kinds.values()) <= {"fixed"}:
-        raise FormatError("nothing can move: all joints are fixed (free_flyer would let it move)")
     try:
         return pin.buildModelFromXML(urdf, *((pin.JointModelFreeFlyer(), ROOT_JOINT) if free_flyer else ()))
     except Exception as error:  # Boost.Python may raise any kind

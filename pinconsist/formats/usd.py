@@ -84,7 +84,7 @@ def _read(path, name, folders, ignore) -> RobotFile:
         raise FormatError("it has no rigid body (PhysicsRigidBodyAPI)")
     graph = JointGraph(scene, joints)
     inertias = stage.inertias()
-    model, guess = build(scene, graph, inertias, name, floats=True)
+    model, guess = build(scene, graph, inertias, name, graph.roots)
     warn_of_inertias(path, _moving(model, inertias))
     loops = [*graph.loops(), *stage.distances]
     actuators, couplings = tuple(stage.actuators(model)), tuple(stage.couplings(model))

@@ -100,7 +100,7 @@ def read(path: Path, name: str, folders, *, ignore=()) -> RobotFile:
         raise FormatError("there is no Solid with Physics, and no joint")
     scene = Scene(world.bodies, gravity=world.gravity)
     graph = JointGraph(scene, world.joints)
-    model, guess = build(scene, graph, world.inertias, name, floats=True)
+    model, guess = build(scene, graph, world.inertias, name, graph.roots)
     moving = [(f"Solid {each!r}", inertia.inertia, model.inertias[model.frames[model.getFrameId(each)].parentJoint])
               for each, inertia in world.inertias.items()
               if model.existFrame(each) and model.frames[model.getFrameId(each)].parentJoint]  # fmt: skip

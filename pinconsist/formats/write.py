@@ -271,7 +271,7 @@ def _joint(robot, mechanism, joint, links):
     ends = (links[model.parents[joint]], links[joint])
     node = _join(robot, model.names[joint], kind, *ends, model.jointPlacements[joint])
     given = {"type": replaced} if replaced else {}
-    q, v, size = model.idx_qs[joint], model.idx_vs[joint], model.nvs[joint]
+    v, size = model.idx_vs[joint], model.nvs[joint]
     values = {key: getattr(model, VALUES[key][0])[v : v + size].tolist() for key in VALUES}
     if len(axis):
         SubElement(node, "axis", xyz=text(*axis))
@@ -279,15 +279,27 @@ def _joint(robot, mechanism, joint, links):
         dynamics = {key: text(*values.pop(key)) for key in ("damping", "friction")}
         if set(dynamics.values()) != {"0"}:
             SubElement(node, "dynamics", dynamics)
-        limits = {"effort": model.upperEffortLimit[v], "velocity": model.upperVelocityLimit[v]}
-        if model.nqs[joint] == 1:
-            limits |= {"lower": model.lowerPositionLimit[q], "upper": model.upperPositionLimit[q]}
-        if given_limits := {key: text(value) for key, value in limits.items() if abs(value) < UNLIMITED}:
-            SubElement(node, "limit", given_limits)
+        _limits(node, model, joint)
     for key, amounts in values.items():
         if any(amounts):
             given[key] = amounts if len(set(amounts)) > 1 else amounts[0]
     return given
+
+
+def _limits(node, model, joint):
+    """Write the limits of a joint: urdfdom needs all four numbers, or a continuous joint."""
+    q, v = model.idx_qs[joint], model.idx_vs[joint]
+    limits = {"effort": model.upperEffortLimit[v], "velocity": model.upperVelocityLimit[v]}
+    ends = {"lower": -np.inf, "upper": np.inf}
+    if model.nqs[joint] == 1:
+        ends = {"lower": model.lowerPositionLimit[q], "upper": model.upperPositionLimit[q]}
+    if node.get("type") == "revolute" and min(map(abs, ends.values())) >= UNLIMITED:
+        node.set("type", "continuous")
+        if min(map(abs, limits.values())) >= UNLIMITED:
+            return
+    else:
+        limits |= ends
+    SubElement(node, "limit", {key: text(np.clip(value, -UNLIMITED, UNLIMITED)) for key, value in limits.items()})
 
 
 def _kind(mechanism, joint):

@@ -9,9 +9,10 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 import numpy as np
 import pinocchio as pin
 
+from ..mechanism.checks import places
 from ..mechanism.forces import Actuator, JointSpring, SpringDamper, Wrench
 from .reading import text
-from .saying import Motion1, Said, Unsaid, least_inertia, require_same_motion, said
+from .saying import Motion1, Said, Unsaid, in_world, least_inertia, require_same_motion, said
 
 ARM = 0.1  # m, between the two points of a hinge
 FAR = 1e10  # rad or m: the other end of a limit on one side
@@ -26,7 +27,7 @@ def document(mechanism, name: str, links, frames) -> str:
 
 def require_same(mechanism, back) -> None:
     """Raise Unsaid unless the file that was read back is the same machine."""
-    require_same_motion(mechanism, back)
+    require_same_motion(mechanism, back, in_world(mechanism))
 
 
 class _Writer:
@@ -64,8 +65,10 @@ class _Writer:
         return tostring(self.root, encoding="unicode") + "\n"
 
     def _qpos(self, q):
-        qpos = np.array(q)
+        qpos, convert = np.array(q), in_world(self.parts.mechanism)
         for joint in self.parts.joints:
+            own = places(self.model, joint.index)[0]
+            qpos[own] = convert(joint.name, qpos[own])
             if joint.kind in ("ball", "free"):
                 start = self.model.idx_qs[joint.index] + 3 * (joint.kind == "free")
                 qpos[start : start + 4] = np.roll(qpos[start : start + 4], 1)
@@ -75,10 +78,8 @@ class _Writer:
         if joint.kind not in _JOINTS:
             raise Unsaid(f"MJCF has no joint like {joint.name!r}, which is {joint.kind}")
         parent = self.model.parents[joint.index]
-        if joint.kind == "free" and (
-            parent or not np.allclose(self.model.jointPlacements[joint.index].homogeneous, np.eye(4))
-        ):
-            raise Unsaid(f"MJCF has free joints on the ground only, and {joint.name!r} is on a body or displaced")
+        if joint.kind == "free" and parent:
+            raise Unsaid(f"MJCF has free joints on the ground only, and {joint.name!r} is on a body")
         place = self.model.jointPlacements[joint.index]
         node = SubElement(self._nodes[parent], "body", name=self.parts.links[joint.index], **_place(place))
         self._nodes[joint.index] = node

@@ -11,8 +11,9 @@ import pinocchio as pin
 
 from ..mechanism.checks import places
 from ..mechanism.forces import Actuator, SpringDamper
+from ..mechanism.loops import Loop
 from .reading import text
-from .saying import Motion1, Said, Unsaid, require_same_motion, said
+from .saying import Motion1, Said, Unsaid, in_world, require_same_motion, said
 from .urdf import INERTIA
 
 _JOINTS = {"revolute": "revolute", "prismatic": "prismatic", "ball": "ball", "helical": "screw"}
@@ -56,14 +57,18 @@ def _unused(name, taken, ending) -> str:
 
 
 def floats(mechanism) -> bool:
-    """Whether a body floats, which SDF files say by having no joint to the world."""
-    return any(joint.shortname() == "JointModelFreeFlyer" for joint in list(mechanism.model.joints)[1:])
+    """Whether nothing is joined to the world, which is how SDF says that a model floats."""
+    model = mechanism.model
+    joined = any(not parent and nv != 6 for parent, nv in list(zip(model.parents, model.nvs, strict=True))[1:])
+    anchored = (loop for loop in mechanism.loops if isinstance(loop, Loop))
+    frames = [model.frames[model.getFrameId(each)] for loop in anchored for each in (loop.frame1, loop.frame2)]
+    return not joined and all(frame.parentJoint for frame in frames)
 
 
 def require_same(mechanism, back) -> None:
     """Raise Unsaid unless the file that was read back is the same machine."""
     q = said(mechanism, "SDF", [""] * mechanism.model.njoints).q
-    model = mechanism.model
+    model, float_in_world = mechanism.model, in_world(mechanism)
 
     def convert(name, own):
         i = model.getJointId(name)
@@ -73,7 +78,7 @@ def require_same(mechanism, back) -> None:
         if model.nqs[i] == 4:
             one, two = (pin.Quaternion(np.array(each)) for each in (at, own))
             return (one.inverse() * two).coeffs()
-        return own
+        return float_in_world(name, own)
 
     require_same_motion(mechanism, back, convert)
 
@@ -104,7 +109,8 @@ def _link(model, parts: Said, joint: Motion1):
 
 def _joint(model, parts: Said, joint: Motion1, follows):
     if joint.kind == "free":
-        if parts.mechanism.model.parents[joint.index] or (len(parts.joints) > 1 and joint.index != 1):
+        several = sum(each.kind == "free" for each in parts.joints) > 1
+        if parts.mechanism.model.parents[joint.index] or several:
             raise Unsaid(f"SDF has no free joint between bodies, as {joint.name!r} is; one body of a model can float")
         return
     if joint.kind not in _JOINTS:

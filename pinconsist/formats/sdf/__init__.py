@@ -6,7 +6,8 @@ Versions 1.4 to 1.12 of the specification are supported. A file is converted as 
   (``graph`` explains which, and how). At q = 0 all bodies have the poses of the file, and all loops are closed.
 * A link without ``<inertial>`` has 1 kg and 1 kg·m², the defaults of the specification.
 * In SDF a model without a joint to the world floats. Here its root link is fixed at its pose unless
-  ``load(..., free_flyer=True)`` lets it float, as for URDF files. ``<static>`` models never move.
+  ``load(..., free_flyer=True)`` lets it float, as for URDF files. If nothing else moves it floats; so do links that no
+  joint connects to the world if others of their model are connected to it. ``<static>`` models never move.
 * If a file has a single model, links, joints and frames are known by their names, otherwise as ``model::name``. Before
   version 1.7 a link and a joint may have the same name: the joint is then called ``name_joint``.
 * Damping and friction of a ball joint act about all its axes. Position limits are kept in the model, without effect.
@@ -69,11 +70,14 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), content
     joints = read_joints(document)
     robot = checked(in_urdf(document, folders), name)
     graph = JointGraph(document, joints)
-    if len(graph.roots) > 1:
+    floating = graph.roots if free_flyer else _floating(document, graph)
+    if floating and not free_flyer:
+        warn(f"{path}: no joint connects {', '.join(map(repr, floating))} to the world: it floats")
+    elif len(graph.roots) > 1:
         warn(f"{path}: no joints connect {', '.join(map(repr, graph.roots))} to each other or to the world")
     if free_flyer and not graph.roots:
         raise FormatError("nothing can float: all links are connected to the world; omit free_flyer")
-    model, guess = build(document, graph, inertias(document), name, free_flyer)
+    model, guess = build(document, graph, inertias(document), name, floating)
     warn_of_inertias(path, inertias_of(robot, model))
     weights = weightless(document, model, ignored)
     motions = [motion for joint in graph.joints for motion in zip(joint.parts, joint.axes, strict=False)]
@@ -89,6 +93,19 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), content
         forces=(*springs, *weights, *forces, *acting), guess=guess,
         actuated=tuple(dict.fromkeys(force.joint for force in acting)), ignored=ignored,
     )  # fmt: skip
+
+
+def _floating(document: Document, graph: JointGraph) -> list[str]:
+    """The roots that float although nobody asked: nothing else moves, or the world holds others of their model."""
+    if all(joint.kind == "fixed" for joint in graph.joints):
+        return graph.roots
+
+    def model(body):
+        return document.bodies[body].scope.partition("::")[0]
+
+    held = {model(body) for joint in graph.joints for body, other in ((joint.parent, joint.child),
+            (joint.child, joint.parent)) if other == WORLD}  # fmt: skip
+    return [root for root in graph.roots if model(root) in held]
 
 
 def _refuse_foreign(raw: Element, content) -> None:
