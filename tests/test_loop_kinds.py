@@ -528,6 +528,18 @@ def test_missing_axes_are_named(case):
         call()
 
 
+def test_whether_ones_own_constraint_moves_is_seen_unless_it_is_said():
+    def at_time(*state):
+        return [state[1][0] - state[0]]
+
+    still = pc.Constraint("own", lambda t, q: [q[0]], 1)
+    assert not still.moving
+    assert pc.Constraint("own", lambda t, q: [q[0] - t], 1).moving
+    assert pc.Constraint("own", at_time, 1).moving
+    assert pc.Constraint("own", lambda t, q: [q[0]], 1, moving=True).moving
+    assert pc.Constraint("own", lambda t, q: [q[0]], 1, rate=lambda t, q: [0.0]).moving
+
+
 @pytest.mark.parametrize(
     "given",
     [

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .breakpoints import knots_of, time_function
+from .breakpoints import depends_on_time, knots_of, time_function
 from .checks import name, number, put, put_checked, require_functions, returned
 from .joint_constraints import Rows
 from .lie import integrate
@@ -40,8 +40,9 @@ class Constraint:
     rate : callable, optional
         ``rate(t, q) -> array (size,)``, ∂Φ/∂t. Default: sixth-order differences over 1 ms, or less if Φ
         is faster, accurate to about 1e-12.
-    moving : bool
-        False if Φ does not depend on t; its time derivatives are then not computed.
+    moving : bool, optional
+        Whether Φ depends on t. If not, its time derivatives are not computed. Default: True, unless `function` is one
+        of Python's that does not read its argument t.
     rows : sequence of str, optional
         Names of the rows for reports. Default "0", "1", ….
     knots : sequence of float
@@ -66,7 +67,7 @@ class Constraint:
     size: int
     jacobian: Callable | None = None
     rate: Callable | None = None
-    moving: bool = True
+    moving: bool = None  # type: ignore[assignment]  # a bool after __post_init__
     rows: tuple[str, ...] = None  # type: ignore[assignment]  # a tuple after __post_init__
     step: float = 1e-3
     unilateral: bool = False
@@ -80,6 +81,8 @@ class Constraint:
         require_functions(self, who, "(t, q)", "function", optional=("jacobian", "rate"))
         if isinstance(self.size, bool) or not isinstance(self.size, int | np.integer) or self.size < 1:
             raise InputError(f"{who}: size must be a positive whole number, got {self.size!r}")
+        if self.moving is None:
+            put(self, moving=self.rate is not None or depends_on_time(self.function))
         if self.rate is not None and not self.moving:
             raise InputError(f"{who}: it has a rate, which contradicts moving=False")
         number(self.step, f"{who}: step", above=0.0)
