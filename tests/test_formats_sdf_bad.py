@@ -208,16 +208,6 @@ BAD = {
         "link 'a': visual 'v': box: size: '1 1' is not 3 finite numbers",
     ),
     "no uri": (shape("<mesh/>"), "link 'a': visual 'v': mesh: <uri> is missing"),
-    "climbing mesh": (
-        mesh("../x.stl"),
-        r"link 'a': visual 'v': mesh: uri: '../x.stl' is outside the folder.*package_dirs=",
-    ),
-    "climbing inside": (mesh("meshes/../../x.stl"), "is outside the folder of the scene"),
-    "climbing package": (mesh("model://m/../../x.stl"), "is outside the folder of the scene"),
-    "absolute package": (mesh("package:///etc/x.stl"), "is outside the folder of the scene"),
-    "absolute mesh": (mesh("/etc/x.stl"), "is outside the folder of the scene"),
-    "file mesh": (mesh("file:///etc/x.stl"), "is outside the folder of the scene"),
-    "scheme": (mesh("ftp://x/y.stl"), "the scheme of 'ftp://x/y.stl' is not one of model, package, file"),
 }
 
 

@@ -67,10 +67,11 @@ def load(
         Let the root link of a file float freely instead of fixing it to the ground at its pose. SDF files are also
         fixed by default, as by Pinocchio's own readers. Not for MJCF, where the file defines which bodies float.
     package_dirs : sequence of path-like
-        Folders in which mesh files are searched for, before the folder of the URDF.
+        Folders in which files that a scene names are searched for (meshes, includes), before its own folder.
     ignore : sequence of str
-        Elements of a URDF or SDF file that close loops in another program and are not supported here, by tag or name:
-        ``"drake:ball_constraint"``, ``"gazebo/joint"``. The file is loaded without them instead of being refused.
+        Elements of a file that act in another program and are not supported here, by tag or name:
+        ``"drake:ball_constraint"``, ``"gazebo/joint"``, ``"flexcomp"``. The file is loaded without them instead of
+        being refused.
     args : mapping, optional
         Arguments of a xacro file: name → value.
     precision : float
@@ -127,8 +128,6 @@ def read_scene(
         raise InputError(f"args= is for xacro files, and {path.name} is not one")
     if free_flyer and reader in _FLOATS:
         raise InputError(f"free_flyer= is not for {_FLOATS[reader]}")
-    if ignore and reader == "mjcf":
-        raise InputError('ignore= is not for MJCF: set active="false" on the equalities to leave out')
     loop_path = None if loops is None else Path(loops)
     if loops is None and is_urdf and not scene.content:
         loop_path = loopfile.find_loop_file(path)
@@ -145,8 +144,7 @@ def read_scene(
         options["args"] = args
     if reader not in _FLOATS:
         options["free_flyer"] = free_flyer
-    if reader != "mjcf":
-        options["ignore"] = ignore
+    options["ignore"] = ignore
     with located(path):
         read, folders = import_module(f".{reader}", __package__).read, (*package_dirs, *scene.package_dirs, path.parent)
         robot = read(path, scene.name, folders, **options)

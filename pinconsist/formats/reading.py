@@ -83,6 +83,17 @@ def read_bytes(path: Path, limit: int = MAX_XML_BYTES) -> bytes:
     return content
 
 
+NEAR = 4  # folders above that of a scene, in which its other files may be
+
+
+def asking_for(path, folder) -> str:
+    """The end of a message about a file outside of the folder of a scene: how to have it read."""
+    path, folder = Path(path).absolute(), Path(folder).absolute()
+    above = [each for each in list(folder.parents)[:NEAR] if path.is_relative_to(each) and len(each.parts) > NEAR - 1]
+    home = (above or [path.parent])[0]
+    return f"only files there are read, and in package_dirs=[{str(home)!r}] (--package-dir)"
+
+
 def note_read(path: Path, digest: str) -> None:
     """Add a file to those of :func:`files_read`."""
     noted = _read.get()

@@ -165,7 +165,7 @@ def checked(raw: Element, name: str) -> Element:
         links = {"world": Node(robot[0], "link 'world'")} | links
     for joint, node in joints.items():
         _joint(robot, joint, node, links)
-    _check_tree(links, robot.findall("joint"))
+    _check_tree(robot, links, robot.findall("joint"))
     return robot
 
 
@@ -200,8 +200,10 @@ def _inertial(out, node):
     if mass < 0:
         raise node.error(f"the mass is negative: {mass:g} kg")
     SubElement(out, "mass", value=text(mass))
-    inertia = node.child("inertia", required=True)
-    values = [inertia.number(key) for key in INERTIA]
+    inertia = node.child("inertia")
+    if mass and not inertia:
+        warn(f"{node.name}: <inertia> is missing, and it is a point of {mass:g} kg")
+    values = [inertia.number(key, None if inertia else 0.0) for key in INERTIA]
     SubElement(out, "inertia", {key: text(value) for key, value in zip(INERTIA, values, strict=True)})
 
 
@@ -271,7 +273,15 @@ def _joint(robot, name, node, links):
         joint.find("limit").attrib |= {"lower": text(-UNLIMITED), "upper": text(UNLIMITED)}
 
 
-def _check_tree(links, joints):
+def _floating(robot, link) -> Element:
+    """Add a floating joint between the ground and a link."""
+    joint = SubElement(robot, "joint", name=ROOT_JOINT, type="floating")
+    SubElement(joint, "parent", link=WORLDS[0])
+    SubElement(joint, "child", link=link)
+    return joint
+
+
+def _check_tree(robot, links, joints):
     joint_of, children = {}, {}
     for joint in joints:
         parent, link = joint.find("parent").get("link"), joint.find("child").get("link")
@@ -282,6 +292,12 @@ def _check_tree(links, joints):
         joint_of[link] = joint.get("name")
         children.setdefault(parent, []).append(link)
     roots = [link for link in links if link not in joint_of]
+    if len(roots) == 2 and WORLDS[0] in roots:  # what is not joined to the world floats, as Drake has it
+        roots.remove(WORLDS[0])
+        warn(f"the link {roots[0]!r} is not joined to the link 'world', and floats")
+        joints += [_floating(robot, roots[0])]
+        roots = [WORLDS[0]]
+        children.setdefault(WORLDS[0], []).append(joints[-1].find("child").get("link"))
     if len(roots) > 1:
         raise FormatError(f"the links {roots[0]!r} and {roots[1]!r} both have no parent; connect them by a joint")
     depths = dict.fromkeys(roots, 1)

@@ -72,7 +72,7 @@ from ..mechanism.loops import Loop, anchor
 from . import drake, gazebo
 from .closures import WITH_AXIS, Closure, kind_of
 from .extensions import LOOP_TAGS, Names, pose, warn_without_effect, word
-from .reading import DRAKE, Node, closing, floats, located, refuse, require_known
+from .reading import DRAKE, Node, closing, finite, floats, located, refuse, require_known, short_repr
 
 _OWN = (*LOOP_TAGS, "link", "joint", "coupling", "material", "transmission", "gazebo", "mujoco", *drake.TAGS)
 _ENDS = (
@@ -388,6 +388,9 @@ def transmissions(robot: Element, model, unlimited: float) -> tuple[Actuator, ..
         if wrong:
             warn(f"{node.name}: it exerts no force here: {wrong[0]!r} is not a joint with one degree of freedom")
             continue
+        if words := _not_numbers(joints, actuators):
+            warn(f"{node.name}: it exerts no force here: {words} is no number")
+            continue
         columns = [model.idx_vs[model.getJointId(name)] for name in names]
         rows = mixed(*(_number(_REDUCTION, (joint,), 1.0) for joint in joints)) if mixed else ((1.0,),)
         coupled = np.zeros((count, count))
@@ -407,6 +410,15 @@ def transmissions(robot: Element, model, unlimited: float) -> tuple[Actuator, ..
         if np.abs(coupled - np.diag(np.diagonal(coupled))).max() > 1e-12 * np.abs(coupled).max():
             warn(f"{node.name}: its rotors couple the two joints, which is ignored")
     return tuple(found.values())
+
+
+def _not_numbers(joints, actuators) -> str:
+    """A reduction that is not a number, as templates leave it: its element and text."""
+    for child in (child for node in (*joints, *actuators) for tag in _REDUCTION if (child := node.child(tag))):
+        given = child.get("value") or child.text()
+        if finite(given) is None:
+            return f"{child.name} {short_repr(given)}"
+    return ""
 
 
 def _number(tags, nodes, default) -> float:

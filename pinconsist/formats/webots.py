@@ -176,7 +176,7 @@ class _Reader:
             return self._labels[label]
         if word == "DEF":
             label, word = self.next(), self.next()
-        if isinstance(word, Text) or not re.fullmatch(r"[A-Za-z_]\w*", word) or self.next() != "{":
+        if isinstance(word, Text) or not re.fullmatch(r"[A-Za-z_][\w.+-]*", word) or self.next() != "{":
             raise FormatError(f"a node is needed, not {short_repr(str(word))}")
         node = Vrml(str(word), str(label))
         if label:

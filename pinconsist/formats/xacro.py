@@ -15,7 +15,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from ..errors import FormatError, MissingExtraError
-from .reading import RobotFile, note_read, parsed, read_bytes, short_repr
+from .reading import RobotFile, asking_for, note_read, parsed, read_bytes, short_repr
 
 SECONDS = 60  # in which the process must end
 DEEPEST = 4  # folders above a file in which a package is searched for
@@ -30,6 +30,8 @@ def read(path: Path, name: str, folders, *, args=None, **options) -> RobotFile:
     root = parsed(content).tag.rpartition("}")[2]
     if root not in ("robot", "sdf"):
         raise FormatError(f"it expands to <{root}>, which is neither <robot> nor <sdf>")
+    if root == "robot" and parsed(content).find("link") is None:
+        raise FormatError(_without_links(path))
     if root == "sdf":
         options.pop("joint_types", None)
     options["content"] = content
@@ -64,8 +66,19 @@ def expanded(path: Path, args: dict, folders) -> bytes:
         if file.is_file():  # it may have asked for one that is not there
             note_read(file, hashlib.sha256(file.read_bytes()).hexdigest())
     if "error" in answer:
-        raise FormatError(_reason(answer))
+        raise FormatError(_reason(answer, path.resolve().parent))
     return answer["text"].encode()
+
+
+def _without_links(path) -> str:
+    """The message about a file that expands to no link: it is a part, of others that call its macros or include it."""
+    content = read_bytes(path)
+    macros = [each.decode(errors="replace") for each in re.findall(rb'<xacro:macro\s+name="([^"]*)"', content)]
+    what = f"macros ({', '.join(macros[:4])}{', …' if len(macros) > 4 else ''})" if macros else "parts of a robot"
+    beside = [each.name for each in sorted(path.parent.glob("*.xacro")) if each != path]
+    users = [each for each in beside if path.name.encode() in (path.parent / each).read_bytes()]
+    load = f"; load {' or '.join(users[:3])}, which includes it" if users else "; load the file that includes it"
+    return f"there is no link: it has only {what}{load}"
 
 
 def _named(path, packages) -> list[str]:
@@ -114,7 +127,7 @@ def _package_name(folder) -> str:
     return match[1].decode() if match else folder.name
 
 
-def _reason(answer) -> str:
+def _reason(answer, folder) -> str:
     error, missing = answer["error"], answer["missing"]
     if answer.get("kind") == "DTDForbidden":
         return "document types and entities are refused for safety (DTDForbidden)"
@@ -123,7 +136,12 @@ def _reason(answer) -> str:
             f"$(find {missing[0]}) names a ROS package that does not hold the file and is not beside it; pass its "
             f'folder: package_dirs=["…/{missing[0]}"]'
         )
-    if answer.get("kind") == "PermissionError" or "outside" in error:
+    refused = answer.get("kind") == "PermissionError" or "outside" in error
+    if refused and answer.get("outside"):
+        found = answer["outside"]
+        what = f"it includes {Path(found).name}, outside of the folder of the scene and its packages"
+        return f"{what}; {asking_for(found, folder)}"
+    if refused:
         return f"xacro: {error[:300]}: files outside of the folder of the scene and its packages are not read"
     if answer.get("kind") == "UndefinedArgument" or "Undefined substitution argument" in error:
         wanted = error.rpartition(" ")[2]

@@ -38,7 +38,8 @@ def main():
     minidom = xacro.xml.dom.minidom
     minidom.parse = partial(defused.parse, forbid_dtd=True)  # no document types, no entities
     minidom.parseString = partial(defused.parseString, forbid_dtd=True)
-    opened = []
+    opened: list[str] = []
+    answer: dict = {"opened": opened}
     roots = [os.path.realpath(folder) for folder in request["folders"]]
     library = [os.path.realpath(folder) for folder in sys.path if folder]
     packages, missing = request["packages"], set()
@@ -83,6 +84,7 @@ def main():
             if any(real.startswith(root + os.sep) for root in roots):
                 opened.append(real)
             elif not any(real.startswith(root + os.sep) for root in library):  # modules, imported late
+                answer.setdefault("outside", real)
                 raise PermissionError(13, "outside", os.fsdecode(path))
         elif event.startswith(REFUSED) and event not in ALLOWED:
             raise PermissionError(13, "refused", event)
@@ -90,7 +92,6 @@ def main():
     _limit()
     os.environ.clear()
     sys.addaudithook(gate)
-    answer = {"opened": opened}
     try:
         document = xacro.process_file(request["path"], mappings=request["args"])
         answer["text"] = document.toxml()

@@ -30,7 +30,7 @@ import pinocchio as pin
 
 from ...errors import FormatError, MissingExtraError
 from ...mechanism.checks import places
-from ..reading import RobotFile, finite, located, parsed, read_bytes, short_repr, text
+from ..reading import RobotFile, asking_for, finite, located, log_left_out, parsed, read_bytes, short_repr, text
 from ..urdf import add_visual, fixed_links
 from .ignored import counted
 from .model import Tree, pose
@@ -41,15 +41,15 @@ _GREY = (0.5, 0.5, 0.5, 1.0)
 _log = logging.getLogger(__name__)
 
 
-def read(path: Path, name: str, folders) -> RobotFile:
-    """Read an MJCF file.
+def read(path: Path, name: str, folders, *, ignore=()) -> RobotFile:
+    """Read an MJCF file; `ignore` names elements to leave out, by tag or name, with what refers to them.
 
     The active equality constraints become loops. Joint positions are those of MuJoCo: ``ref`` in the configuration of
     the file. Assembly starts at the first keyframe or, without one, in that configuration.
     """
     try:
         with np.errstate(all="ignore"):  # numbers that are not finite are reported by Tree
-            source = Source(path, folders)
+            source = Source(path, folders, ignore)
             compiled, stand_ins = source.compiled()
             tree = Tree(compiled, name)
             closures, actuators = tuple(tree.closures()), tuple(tree.actuators())
@@ -141,6 +141,8 @@ MOST_NESTED = 10  # files, each included by the one before
 _LEFT_OUT = {"size", "custom", "deformable", "texture", "skin", "layer"}
 _IGNORED = "fusestatic discardvisual strippath meshdir texturedir assetdir fuse texture content_type".split()
 """Elements and attributes to remove: they have no effect here, but name files, take memory or hide shapes."""
+_STRUCTURE = "compiler option size default worldbody body joint freejoint inertial include attach model asset".split()
+_REFERENCES = "joint joint1 joint2 tendon tendon1 tendon2 actuator site site1 site2 flex objname".split()
 _COUNTS = {"replicate": "count", "composite": "count", "mesh": "params"}
 _MAIN = "scene.xml"
 _CORNERS = "v 0 0 0\nv {} 0 0\nv 0 {} 0\nv 0 0 {}\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
@@ -151,10 +153,11 @@ _log = logging.getLogger(__name__)
 
 @dataclass(eq=False)
 class Mesh:
-    """A mesh file: its element, its path in the folder of the scene (empty if it lies elsewhere), and its content."""
+    """A mesh file: its element, its path from the folder of the scene (empty if it must not be read), its content."""
 
     node: Element
     path: str
+    place: Path
     content: bytes | None = None
     suffix: str = ".obj"
 
@@ -165,8 +168,9 @@ class Source:
     In the compiled model the file name of a mesh begins with its index in ``meshes``.
     """
 
-    def __init__(self, path: Path, folders):
+    def __init__(self, path: Path, folders, ignore=()):
         self.meshes: list[Mesh] = []
+        self._ignore, self._gone = set(ignore), set()  # names to leave out, and those of what was left out
         self._folders = [Path(os.path.abspath(each)) for each in folders]
         self._texts: dict[str, list[Element]] = {}  # all elements of a text
         self._files: dict[Element, Path] = {}  # outermost elements → their file
@@ -192,9 +196,13 @@ class Source:
             section[:] = [key for key in section if key in keys[:1]]
         compiler = {key: value for node in root.findall("compiler") for key, value in node.attrib.items()}
         models, sizes = {}, {}
+        self._leave_out(root)
         for node in list(root.iter()):
             if node.tag in ("flex", "flexcomp"):
-                raise FormatError("flexible bodies are not supported", path=self._files[root], element=node.tag)
+                cure = f"ignore=[{node.tag!r}] loads the scene without them"
+                raise FormatError(
+                    f"flexible bodies are not supported; {cure}", path=self._files[root], element=node.tag
+                )
             node[:] = [child for child in node if child.tag not in _LEFT_OUT]
             if node.tag == "model":
                 inner, text = self._open(node, files), f"{self._opened}.xml"
@@ -212,6 +220,16 @@ class Source:
             raise FormatError(f"more than {MOST_ELEMENTS:,} elements, with all copies", path=self._files[root])
         return sizes[root]
 
+    def _leave_out(self, root):
+        """Remove the elements that `ignore` names by tag or name, and those that refer to one by its name."""
+        for node in list(root.iter()) if self._ignore else ():
+            for child in [each for each in node if each.tag not in _STRUCTURE]:
+                names = {child.tag, child.get("name", "")}
+                if names & self._ignore or self._gone & {child.get(key) for key in _REFERENCES}:
+                    self._gone |= {child.get("name")} - {None, ""}
+                    log_left_out(child.tag, child.get("name", ""))
+                    node.remove(child)
+
     def _clean(self, node, compiler, folder):
         """Remove the file names from an element; the file of a mesh is added to ``meshes``."""
         node.attrib = {key: value for key, value in node.attrib.items() if key not in _IGNORED}
@@ -223,7 +241,8 @@ class Source:
             given = PurePosixPath(given).name if compiler.get("strippath") == "true" else given
             place = os.path.join(folder, compiler.get("meshdir", compiler.get("assetdir", "")), given)
             path = os.path.relpath(place, self._folders[-1])
-            self.meshes.append(Mesh(node, "" if path.startswith("..") else path))
+            inside = any(_inside(place, each) for each in self._folders)
+            self.meshes.append(Mesh(node, path if inside or not path.startswith("..") else "", Path(place)))
 
     def _include(self, root, files):
         """Replace the includes below an element by the contents of the files that they name."""
@@ -240,8 +259,8 @@ class Source:
         reason = "there is no such file" if name else "attribute 'file' is missing"
         for start in (folder, files[-1].parent) if name else ():
             found = Path(os.path.normpath(start / name))
-            if not _inside(found, folder):
-                reason = f"it is outside the folder of the scene, {folder}; only files in that folder are read"
+            if not any(_inside(found, each) for each in self._folders):
+                reason = f"it is outside the folder of the scene; {asking_for(found, folder)}"
                 break
             if os.path.isfile(found):
                 self._opened += 1
@@ -257,8 +276,9 @@ class Source:
         """The mjModel, and for each geom whether its size is that of a stand-in; FormatError with MuJoCo's message."""
         for needed in (False, True):
             for mesh in self.meshes if needed else ():
-                places = [(folder / mesh.path, folder) for folder in self._folders if mesh.path]
-                file = next((file for file, folder in places if _inside(file, folder) and os.path.isfile(file)), None)
+                places = [os.path.normpath(folder / mesh.path) for folder in self._folders if mesh.path]
+                allowed = [Path(file) for file in places if any(_inside(file, folder) for folder in self._folders)]
+                file = next((file for file in allowed if os.path.isfile(file)), None)
                 if file is not None:
                     mesh.content, mesh.suffix = read_bytes(file), file.suffix.lower()
             model = self._compiled(_STAND_INS[0])
@@ -267,9 +287,13 @@ class Source:
             bodies = np.flatnonzero(np.column_stack(differences).any(axis=1))
             if not bodies.size:
                 return model, np.any(model.geom_size != other.geom_size, axis=1)
-        names = ", ".join(mesh.path or mesh.node.get("name") for mesh in self.meshes if mesh.content is None)
+        missing = [mesh.path or mesh.node.get("name") for mesh in self.meshes if mesh.content is None]
+        names = ", ".join(missing[:6]) + ", …" * (len(missing) > 6)
         reason = f"its inertia depends on meshes whose files are not in the folder of the scene: {names}"
         body = f"body {model.body(bodies[0]).name or bodies[0].item()!r}"
+        elsewhere = next((mesh.place for mesh in self.meshes if not mesh.path and os.path.isfile(mesh.place)), None)
+        if elsewhere is not None:
+            raise FormatError(f"{reason}; {asking_for(elsewhere, self._folders[-1])}", element=body)
         raise FormatError(f"{reason}. Give the body an <inertial>, or these geoms mass=0", element=body)
 
     def _compiled(self, stand_in):

@@ -291,13 +291,24 @@ class Tree:
                 reason = f"the option's flag {off[0]} is disabled" if off else "it is not active"
                 warn(f"equality {name!r}: left out, {reason}")
                 continue
+            if kind in ("connect", "weld") and self._moves_nothing(e):
+                warn(f"equality {name!r}: left out, its bodies do not move relative to each other")
+                continue
             with located(element=f"equality {name!r}"):
                 if kind == "tendon":
                     yield self._tied(e, name)
                 elif kind not in _EQUALITIES:
-                    raise InputError(f"equality of {kind}s is not supported; remove it or set active=false")
+                    cure = f"ignore=[{name!r}] loads the scene without it"
+                    raise InputError(f"equality of {kind}s is not supported; {cure}")
                 else:
                     yield self._coupling(e, name) if kind == "joint" else self._loop(e, kind, name, data)
+
+    def _moves_nothing(self, e) -> bool:
+        """Whether the bodies or sites of an equality are on one joint, or on the ground."""
+        m, ends = self._m, (self._m.eq_obj1id[e], self._m.eq_obj2id[e])
+        if getattr(m, "eq_objtype", {e: 0})[e] == _SITE:
+            ends = [m.site_bodyid[i] for i in ends]
+        return self._stands[ends[0]][0] == self._stands[ends[1]][0]
 
     def _loop(self, e, kind, name, data):
         """The loop of a connect or weld, between sites or bodies."""
@@ -360,7 +371,9 @@ def _plain(shares):
 
 
 def _tendon_error(m, tendon, reason):
-    return FormatError(reason, element=_element(m, "tendon", tendon))
+    word = m.tendon(tendon).name or "spatial"
+    cure = f"ignore=[{word!r}] loads the scene without it"
+    return FormatError(f"{reason}; {cure}", element=_element(m, "tendon", tendon))
 
 
 def pose(pos, quat) -> pin.SE3:

@@ -49,6 +49,7 @@ _LINK = ("pose", "inertial", "collision", "visual", "sensor", "projector", "audi
 _LINK += ("light", "particle_emitter", "gravity", "enable_wind", "self_collide", "kinematic", "must_be_base_link")
 _LINK += ("velocity_decay",)
 _HOLDERS = ("world", "model", "joint", "axis", "axis2")
+WITHOUT = "ignore=['{}'] loads the scene without it"
 _SYSTEMS = ("Physics", "Sensors", "Contact")
 """Plugins of a world that run Gazebo itself."""
 _log = logging.getLogger(__name__)
@@ -60,7 +61,7 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), content
     raw, ignored = parsed(content), Ignored()
     if raw.tag == "gazebo":  # SDF 1.0 to 1.2
         raw.tag = "sdf"
-    left_out([("", each) for tag in _HOLDERS for each in raw.iter(tag)], ignore)
+    left_out([("", each) for tag in (*_HOLDERS, "inertial") for each in raw.iter(tag)], ignore)
     Includes(path, folders, ignored, ignore).expand(raw, Path(os.path.abspath(path)))
     _refuse_foreign(raw, content)
     drake_joints(raw)
@@ -260,7 +261,7 @@ def weightless(document: Document, model: pin.Model, ignored: Ignored) -> tuple[
 
 def _inertial(out, node):
     if node.child("fluid_added_mass"):
-        raise node.error("fluid_added_mass is not supported")
+        raise node.error(f"fluid_added_mass is not supported; {WITHOUT.format('fluid_added_mass')}")
     SubElement(out, "mass", value=text(node.value("mass", 1.0)))
     inertia = node.child("inertia")
     SubElement(out, "inertia", {key: text(inertia.value(key, each)) for key, each in _DEFAULT_INERTIA.items()})
@@ -275,7 +276,11 @@ def _visual(link, node, body: Body, document, folders):
         if uri.startswith(("http://", "https://")):
             _log.warning("%s: uri: left out, nothing is downloaded: %s", solid.name, short_repr(uri))
             return
-        sizes["filename"] = _mesh(uri, folders, solid.child("uri"))
+        try:
+            sizes["filename"] = _mesh(uri, folders, solid.child("uri"))
+        except FormatError as error:  # it is only not shown
+            _log.warning("%s: left out, %s", solid.name, error.reason)
+            return
     place, relative_to = node.pose()
     if relative_to:
         base = document.resolve(body.scope, relative_to, f"{node.name}: pose")
