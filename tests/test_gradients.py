@@ -227,9 +227,7 @@ def test_refusals():
     refused("must return a Mechanism", lambda th: None, [1.0])
     refused("no parameter 'mass:coupla'; similar: mass:coupler", mech, ["mass:coupla"])
     refused("is a mode of BDF", mech, ["mass:coupler"], consistency="exact", step=1e-3)
-    held = pc.HeldTorque([0.0], [[1.0]], ["crank"])
-    refused("held or sampled", mech, ["mass:coupler"], forces=held)
-    refused("held or sampled", mech, ["mass:coupler"], forces=[pc.Sampled(1e-2, lambda t, q, v: 0 * v)])
+    refused("'sampled' uses the state", mech, ["mass:coupler"], forces=[pc.Sampled(1e-2, lambda t, q, v: 0 * v)])
     stairs = lambda th: mech.with_parameters({"mass:coupler": np.round(th[0], 3)})  # noqa: E731
     refused("not smooth in the parameter 'm'", stairs, [1.0006], names=["m"])
     refused("needs one for each of the 1 parameters", lambda th: mech, [1.0], names=["a", "b"])

@@ -152,7 +152,6 @@ def test_locked_joints_keep_the_jumps(mech):
         (lambda mech: pc.Piecewise({"crank0": held}, [0.2, 0.1]), "increase"),
         (lambda mech: pc.Piecewise({"crank0": held}, period=0.0), "period"),
         (lambda mech: run(mech, pc.Piecewise(FORCES["held"][2], TIMES)), "times of its own"),
-        (lambda mech: pc.sensitivities(lambda k: mech, [1.0], (0.0, END), forces=FORCES["times"][2]), "jump"),
     ],
 )
 def test_what_cannot_be_is_refused(mech, make, words):

@@ -95,17 +95,22 @@ private:
 // Torques that are held from one time to the next, in the direction of the run, or interpolated linearly; see
 // mechanism/forces/held.py.
 struct HeldTable {
+  static constexpr double BEHIND = 2.5e-14; // relative to a time or 1 s: a later time is behind; see mechanism/forces/held.py
   double sign = 1.0;
   bool linear = false;
   std::vector<double> since; // times sign
   std::vector<Vec> torques;
   size_t entered = 0; // number of entries in use
+  // On the steps of a run that is over, all are in use, each behind its time; the first `begun` from the start of the run.
+  bool on_steps = false;
+  size_t begun = 0;
 
   void clear(double new_sign) {
     sign = new_sign;
     since.clear();
     torques.clear();
     entered = 0;
+    on_steps = false;
   }
   void hold(double t, const Vec &torque) {
     since.push_back(sign * t);
@@ -124,9 +129,12 @@ struct HeldTable {
       tau += (sign * t - since[i - 1]) / (since[i] - since[i - 1]) * (torques[i] - torques[i - 1]);
   }
 
-private:
   // The number of entries in use up to a time.
   size_t reached(double t) const {
+    if (on_steps) {
+      const double before = sign * t - BEHIND * std::max(1.0, std::abs(t));
+      return std::max<size_t>(begun, std::upper_bound(since.begin(), since.end(), before) - since.begin());
+    }
     if (!entered || sign * t >= since[entered - 1]) return entered;
     return std::upper_bound(since.begin(), since.begin() + entered, sign * t) - since.begin();
   }

@@ -228,6 +228,7 @@ NB_MODULE(_engine, m) {
       .def("add_gravity", &Rates::add_gravity)
       .def("close", &Rates::close)
       .def("set_times", &Rates::set_times)
+      .def("set_held", &Rates::set_held)
       .def("act", &Rates::act)
       .def("columns", [](Rates &rates, double t, const Vec &p, const Vec &v, const Vec &a, int parameters) {
         Mat r = Mat::Zero(rates.nv, parameters);
@@ -236,7 +237,9 @@ NB_MODULE(_engine, m) {
       });
 
   nb::class_<HeldTable>(m, "HeldTable").def("clear", &HeldTable::clear).def("hold", &HeldTable::hold).def_rw("entered", &HeldTable::entered)
-      .def_rw("linear", &HeldTable::linear);
+      .def_rw("linear", &HeldTable::linear)
+      .def_rw("on_steps", &HeldTable::on_steps)
+      .def_rw("begun", &HeldTable::begun);
 
   nb::class_<ClosureFollower>(m, "ClosureFollower")
       .def(nb::init<MechanismSystem &, std::vector<int>, const Vec &, const std::array<double, 9> &>(), "system"_a,

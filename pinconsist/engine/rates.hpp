@@ -32,6 +32,7 @@ public:
     damping_.setZero();
   }
   void set_times(int key, std::vector<double> times) { pulls_[key].times = std::move(times); }
+  void set_held(int key, std::shared_ptr<HeldTable> table) { pulls_[key].held = std::move(table); }
   void act(int key, const std::vector<int> &nodes, const std::vector<int> &columns) {
     auto &all = pulls_[key].columns;
     for (size_t i = 0; i < nodes.size(); ++i) {
@@ -91,9 +92,28 @@ private:
   };
   struct Pull {
     std::vector<Side> sides;
-    std::vector<double> times;
-    std::vector<int> columns;
+    std::vector<double> times;       // of a table whose values are interpolated
+    std::shared_ptr<HeldTable> held; // or of one whose torques are held
+    std::vector<int> columns;        // of the nodes, or -1
   };
+  // The parts of two nodes in a force at a time, or -1 where there is none.
+  struct Share {
+    int node, before;
+    double part; // of the first, the rest is that of the node before
+  };
+
+  static Share share(const Pull &pull, double t) {
+    if (pull.held) {
+      const auto &since = pull.held->since;
+      const int n = static_cast<int>(pull.held->reached(t)), size = static_cast<int>(since.size());
+      if (!pull.held->linear || !n || n == size) return {n - 1, -1, 1.0};
+      return {n, n - 1, (pull.held->sign * t - since[n - 1]) / (since[n] - since[n - 1])};
+    }
+    const auto &times = pull.times;
+    const int n = static_cast<int>(times.size()), i = static_cast<int>(std::upper_bound(times.begin(), times.end(), t) - times.begin());
+    if (!i || i == n) return {std::max(0, i - 1), -1, 1.0};
+    return {i, i - 1, (t - times[i - 1]) / (times[i] - times[i - 1])};
+  }
 
   // Forces on bodies, in their axes, and the torques `pull_` with weights, of the columns.
   template <class OnBody, class OnJoints>
@@ -110,11 +130,10 @@ private:
         on_body(column, j, model_.inertias[j] * falling);
       }
     for (const auto &[key, pull] : pulls_) {
-      const size_t n = pull.times.size(), i = std::upper_bound(pull.times.begin(), pull.times.end(), t) - pull.times.begin();
-      const double part = i && i < n ? (t - pull.times[i - 1]) / (pull.times[i] - pull.times[i - 1]) : 1.0;
+      const auto [node, last, part] = share(pull, t);
       const auto &columns = pull.columns; // C++17 lambdas do not capture `pull`
-      const auto column = [&](size_t node) { return node < columns.size() ? columns[node] : -1; };
-      const int here = column(i < n ? i : i - (n > 0)), before = i && i < n ? column(i - 1) : -1;
+      const auto column = [&](int i) { return i >= 0 && i < static_cast<int>(columns.size()) ? columns[i] : -1; };
+      const int here = column(node), before = column(last);
       if (here < 0 && before < 0) continue;
       pull_.setZero(nv);
       for (const auto &side : pull.sides) {

@@ -7,6 +7,7 @@ Reading order:
    mechanisms, because the derivatives of the equations are known.
 2. ``engine/linear.hpp``: the linear equations of one accepted step of Radau IIA, and of the multipliers.
 3. :mod:`leg`: the recursion over the accepted steps, and its transpose. The steps themselves are in C++.
+   :mod:`laws`: digital controllers, whose torques depend on states at samples.
 4. :mod:`starts`: initial derivatives, at the start of a run and after an event.
 5. :mod:`passes`: the forward pass over all legs of a run, and the backward pass for one number and many parameters.
 6. :mod:`prepare`: the run, and parameters by name; :mod:`sensitivities`: the public functions.

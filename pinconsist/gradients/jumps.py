@@ -1,4 +1,4 @@
-"""Forces that jump during a run: the derivatives of the steps do not see them, so the run is not differentiated.
+"""Forces that jump where no step ends: the derivatives of the steps do not see them, so the run is not differentiated.
 
 The motion has a kink where a force jumps, and its derivative by a parameter jumps there by the difference of the
 accelerations times the derivative of the time. Steps become short at a jump, but the linear equations of each step know
@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..mechanism.breakpoints import jump_offset
+from ..mechanism.forces.piecewise import BoundPiecewise
 from ..mechanism.system import MechanismSystem
 from ..run.known import Pull
 
@@ -28,11 +29,12 @@ def refuse_jumps(solution, legs, base) -> None:
 
     Steps end at the break points of functions of time, where the derivatives go on if these times are fixed.
     """
-    known = np.array(legs[0].system.breakpoints.ends)
+    first = legs[0].system
+    known = np.array(sorted({*first.breakpoints.ends, *_times_of_changes(legs)}))
     ends = legs[0].span[0], legs[-1].span[1] if solution.status == 0 else None  # of the run, if no event ends it
     for leg in legs:
         grid = _grid(leg)
-        for label, force in leg.system.forces.items():
+        for label, force in base.index1(leg.system).system.forces.items():
             if getattr(force, "smooth", False) or getattr(force, "by_time", False) or len(grid) < 2:
                 continue
             largest = 0.0
@@ -45,23 +47,36 @@ def refuse_jumps(solution, legs, base) -> None:
             _refuse_memory(solution, leg, grid, base)
 
 
+def _times_of_changes(legs) -> list[float]:
+    """The times at which forces jump in the run."""
+    ends = sorted((legs[0].span[0], legs[-1].span[1]))
+    return legs[0].system.times_of_changes(*ends)
+
+
 def refuse_moving_jumps(variants, system, t, reached, t_end, q, v) -> None:
-    """Raise InputError if a parameter moves a time at which a function of time jumps or bends, up to that `reached`."""
+    """Raise InputError if a parameter moves a time at which a force jumps or bends, up to that `reached`."""
     breakpoints = system.breakpoints
     low, high = min(t, reached), max(t, reached)
-    ends = [at for at in breakpoints.ends if low + jump_offset(low) < at < high - jump_offset(high)]
-    for i, parts in variants.known if ends else ():
+    inside = low + jump_offset(low), high - jump_offset(high)
+    ends = [at for at in breakpoints.ends if inside[0] < at < inside[1]]
+    jumps = system.times_of_changes(*inside)
+    for i, parts in variants.known if ends or jumps else ():
         for _, part in parts:
             if isinstance(part, Pull):
+                if isinstance(part.bound, BoundPiecewise):
+                    _refuse_moved(variants.names[i], variants.steps[i], part.bound.times_between(*inside), jumps)
                 functions = part.bound.functions_of_time(q, v)
                 changes = [change.time for each in functions for change in each.known or []]
                 _refuse_moved(variants.names[i], variants.steps[i], [at for at in changes if low < at < high], ends)
-    for variant in variants.moved.values() if ends else ():
+    for variant in variants.moved.values() if ends or jumps else ():
         if not variant.inert:
             sides, _, near = variant.beside
-            varied = MechanismSystem(sides[max(near)].mechanism, q, system.chosen_at, kept=system.kept).breakpoints
-            varied.look_ahead(t, t_end, q, v)
-            _refuse_moved(variant.name, variant.step, ends, varied.ends)
+            varied = MechanismSystem(sides[max(near)].mechanism, q, system.chosen_at, kept=system.kept)
+            varied.breakpoints.look_ahead(t, t_end, q, v)
+            _refuse_moved(variant.name, variant.step, ends, varied.breakpoints.ends)
+            for each in varied.changing:
+                each.start(t, t_end < t)
+            _refuse_moved(variant.name, variant.step, jumps, varied.times_of_changes(low, high))
 
 
 def _refuse_moved(name, step, times, others) -> None:
@@ -69,9 +84,9 @@ def _refuse_moved(name, step, times, others) -> None:
         moved = min((abs(each - t) for each in others), default=np.inf)
         if moved > STAYS * abs(step) + 2.0 * jump_offset(t):
             raise InputError(
-                f"a function of time jumps or bends at t = {t:.4g} s, and the parameter {name!r} moves this time: runs "
-                "are not differentiated by the times of jumps. Replace the jump by a smooth transition over a short "
-                "time, such as 0.5 * (1 + tanh((t - t0) / width)) in place of t > t0"
+                f"a force or a constraint jumps or bends at t = {t:.4g} s, and the parameter {name!r} moves this time: "
+                "runs are not differentiated by the times of jumps. Replace the jump by a smooth transition over a "
+                "short time, such as 0.5 * (1 + tanh((t - t0) / width)) in place of t > t0"
             )
 
 

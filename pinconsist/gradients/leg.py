@@ -6,12 +6,16 @@ step to this time is solved; its result has the order of the method, and needs n
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from ..engine.index1 import Index1
+from ..mechanism.breakpoints import jump_offset
+from ..mechanism.forces.held import sided
 from ..run.propagator import Propagator, Step
+from .laws import WithTorques
 
 AT_ONCE = 1e-6  # of a step: times nearer than this to an end count as equal, as shorter steps would be rounding
 
@@ -28,6 +32,7 @@ class Leg:
     steps: list[Step]
     index1_of: Callable
     tables: Any = None
+    torques: list | None = field(default=None, repr=False)  # the derivatives of sampled torques, (m, P), in each step
     _propagator: Any = field(default=None, repr=False)
 
     def __post_init__(self):
@@ -35,6 +40,7 @@ class Leg:
         if _is_cut(last := self.steps[-1]):
             self.steps = [*self.steps[:-1], *self._propagator.again([last.ending_at(last.end)])]
 
+    _sign = property(lambda self: 1.0 if self.t[-1] >= self.start.t_old else -1.0)
     start = property(lambda self: self.steps[0])
     t = property(lambda self: np.array([step.end for step in self.steps]))
     span = property(lambda self: (self.start.t_old, self.steps[-1].end))
@@ -48,7 +54,7 @@ class Leg:
         return step.t_old, step.h
 
     def _holders(self, times):
-        sign = 1.0 if self.t[-1] >= self.start.t_old else -1.0
+        sign = self._sign
         return np.minimum(np.searchsorted(sign * self.t, sign * times), len(self.steps) - 1)
 
     def _placed(self, times):
@@ -61,20 +67,29 @@ class Leg:
         inside = np.flatnonzero(~at_end & (np.abs(part) > AT_ONCE))
         return n, inside, self._propagator.again([self.steps[n[i]].ending_at(float(times[i])) for i in inside])
 
-    def _states(self, n, inside, steps):
-        """t, p and v at the times of :meth:`_placed`."""
+    def _states(self, times, n, inside, steps):
+        """t, p and v at times, from :meth:`_placed`."""
         states = [(step.end, step.p, step.v) for step in (self.steps[i - 1] for i in n)]
         for i in np.flatnonzero(n == 0):
             states[i] = self.start.t_old, self.start.p0, self.start.v0
         for i, step in zip(inside, steps, strict=True):
             states[i] = step.end, step.p, step.v
         t, p, v = zip(*states, strict=True) if states else ((), (), ())
+        t = np.array(t, float)
+        if len(t) > 1 and (np.diff(times) == 0.0).any():
+            t += self._sides(times)
         p, v = np.reshape(p, (len(n), self.system.npos)), np.reshape(v, (len(n), self.system.nv))
-        return np.array(t, float), p, v
+        return t, p, v
+
+    def _sides(self, times):
+        """The shifts of times by which, of two rows where forces jump, one is before and one behind."""
+        jumps = [*self.system.times_of_changes(*sorted(self.span)), *self.system.breakpoints.ends]
+        near = np.abs(np.subtract.outer(times, jumps)) <= jump_offset(times)[:, None]
+        return np.where(near.any(axis=1), sided(times, False) - times, 0.0)
 
     def states(self, times):
         """p and [ξ | v | λ] at times, with ξ = 0."""
-        t, p, v = self._states(*self._placed(times))
+        t, p, v = self._states(times, *self._placed(times))
         index1 = self.index1_of(self.system)
         lam = [index1.acceleration(*state)[1] for state in zip(t, p, v, strict=True)]
         return p, np.hstack((0.0 * v, v, np.array(lam).reshape(len(t), self.system.nc)))
@@ -82,20 +97,62 @@ class Leg:
     def at(self, times):
         """p, [ξ | v | λ] and the derivatives s, (n, P, nx+nv+nc), tangent at p, at times inside the leg."""
         n, inside, steps = self._placed(times)
-        t, p, v = self._states(n, inside, steps)
+        t, p, v = self._states(times, n, inside, steps)
         s = self.tables[n]
-        ends = np.empty((len(inside), *s.shape[1:]))
-        self._propagator.forward(steps, s[inside], ends)
-        s[inside] = ends
-        lam, of_lam = self._propagator.multipliers(t, p, v, s)
+        if len(inside):
+            s[inside] = self._through(steps, s[inside], n[inside])
+        with_torques = self._with_torques(s)
+        lam, of_lam = self._propagator.multipliers(t, p, v, with_torques)
+        of_lam = self._joined(of_lam, self._acting(t, n, inside))
         return p, np.hstack((0.0 * v, v, lam)), np.concatenate((s, of_lam), axis=2)
 
-    def follow(self, index1, residuals, S) -> None:
-        """Fill `tables` from S at the start; `residuals`, for each parameter, is a list of (weight, Index1)."""
-        self._propagator = Propagator(index1, residuals)
+    def follow(self, index1, residuals, S, laws=None) -> None:
+        """Fill `tables` from S at the start; `residuals`, for each parameter, is a list of (weight, Index1).
+
+        With `laws`, torques that are sampled depend on S.
+        """
+        self._propagator = Propagator(index1, residuals if laws is None else WithTorques(residuals, laws))
         self.tables = np.empty((1 + len(self.steps), *S.shape))
         self.tables[0] = S
-        self._propagator.forward(self.steps, self.tables[:-1], self.tables[1:])
+        if laws is None:
+            self._propagator.forward(self.steps, self.tables[:-1], self.tables[1:])
+            return
+        self.torques = []
+        for first, last in pairwise(laws.cuts(self)):
+            step = self.steps[first]
+            self.torques += [laws.rates(step.t_old, step.p0, step.v0, self.tables[first])] * (last - first)
+            tables = self._with_torques(np.empty((1 + last - first, *S.shape)))
+            tables[0, : len(S)] = self.tables[first]
+            self._propagator.forward(self.steps[first:last], tables[:-1], tables[1:])
+            self.tables[first + 1 : last + 1] = self._joined(tables[1:], np.arange(first, last))
+
+    def _with_torques(self, s):
+        """S with rows for the derivatives by sampled torques."""
+        if not self.torques:
+            return s
+        return np.concatenate((s, np.zeros((len(s), len(self.torques[0]), s.shape[2]))), axis=1)
+
+    def _joined(self, s, steps):
+        """S of the parameters alone, from rows that are in these `steps`."""
+        if self.torques is None:
+            return s
+        n = self.tables.shape[1]
+        rates = np.array([self.torques[i] for i in steps]).reshape(len(s), -1, n)
+        return s[:, :n] + np.einsum("kmp,kmx->kpx", rates, s[:, n:])
+
+    def _through(self, steps, s, numbers):
+        """S at the ends of shorter steps, which are parts of those with these numbers."""
+        ends = np.empty_like(self._with_torques(s))
+        self._propagator.forward(steps, self._with_torques(s), ends)
+        return self._joined(ends, numbers)
+
+    def _acting(self, t, n, inside):
+        """The numbers of the steps whose torques act at times, which are after n steps unless they are `inside`."""
+        numbers = np.maximum(n - 1, 0)
+        numbers[inside] = n[inside]
+        behind = (n > 0) & (n < len(self.steps)) & (self._sign * t > self._sign * self.t[np.maximum(n - 1, 0)])
+        numbers[behind] = n[behind]
+        return numbers
 
     def seeds(self):
         """The object that :meth:`add_seeds` adds to: derivatives of a number by s at times."""
@@ -106,28 +163,52 @@ class Leg:
         if len(times):
             seeds.append((times, np.array(derivatives)))
 
-    def follow_back(self, index1, residuals, seeds):
+    def follow_back(self, index1, residuals, seeds, laws=None):
         """The derivatives of a number by S at the start, (nx+nv,), and by the parameters in the steps, (P,)."""
-        self._propagator = Propagator(index1, residuals)
+        n_own = len(residuals)
+        self._propagator = Propagator(index1, residuals if laws is None else WithTorques(residuals, laws))
         split = self.system.nx + self.system.nv
         bars = np.zeros((1 + len(self.steps), split))
-        total = np.zeros(len(residuals))
-        for times, derivatives in seeds:
-            n, inside, steps = self._placed(times)
-            state = self._states(n, inside, steps)
-            by_s = np.array(derivatives[:, :split])
-            with_lam = derivatives[:, split:].any(axis=1)
-            by_state = np.zeros((with_lam.sum(), split))
-            total += self._propagator.multipliers_back(
-                *(x[with_lam] for x in state), derivatives[with_lam, split:], by_state
-            )
-            by_s[with_lam] += by_state
-            own = np.zeros((len(inside), split))
-            total += self._propagator.backward(steps, by_s[inside], own)
-            by_s[inside] = own
-            np.add.at(bars, n, by_s)
-        total += self._propagator.backward(self.steps, bars[1:], bars[:-1])
+        total = np.zeros(n_own)
+        cuts = [0, len(self.steps)] if laws is None else laws.cuts(self)
+        placed = [self._seeded(each, bars, cuts) for each in seeds]
+        for k, (first, last) in reversed([*enumerate(pairwise(cuts))]):
+            rates = self._propagator.backward(self.steps[first:last], bars[first + 1 : last + 1], bars[first:last])
+            rates = rates + sum(each[k] for each in placed)
+            total += rates[:n_own]
+            if laws is not None:
+                step = self.steps[first]
+                laws.add_bars(step.t_old, rates[n_own:])
+                of_state, own = laws.pull_back(step.t_old, step.p0, step.v0)
+                bars[first] += of_state
+                total += own
         return bars[0], total
+
+    def _seeded(self, seed, bars, cuts):
+        """Add the derivatives of a number at times to `bars`; return its rates by parameters between the cuts."""
+        times, derivatives = seed
+        split = bars.shape[1]
+        n, inside, steps = self._placed(times)
+        t, p, v = self._states(times, n, inside, steps)
+        part = np.searchsorted(cuts, self._acting(t, n, inside), side="right") - 1
+        rates = np.zeros((len(cuts) - 1, len(self._propagator.parameters)))
+        by_s = np.array(derivatives[:, :split])
+        own = np.zeros((len(inside), split))
+        for k in np.unique(part):
+            rows = np.flatnonzero((part == k) & derivatives[:, split:].any(axis=1))
+            by_state = np.zeros((len(rows), split))
+            rates[k] += self._propagator.multipliers_back(
+                t[rows], p[rows], v[rows], derivatives[rows, split:], by_state
+            )
+            by_s[rows] += by_state
+            within = np.flatnonzero(part[inside] == k)
+            found = own[within]
+            made = [steps[i] for i in within]
+            rates[k] += self._propagator.backward(made, by_s[inside[within]], found)
+            own[within] = found
+        by_s[inside] = own
+        np.add.at(bars, n, by_s)
+        return rates
 
 
 def _is_cut(step) -> bool:

@@ -13,13 +13,17 @@ the loops, only their sum is meaningful.
 import numpy as np
 
 from ..errors import UserFunctionError
+from ..mechanism.breakpoints import jump_offset
+from ..mechanism.forces.held import BoundSampled
 from ..mechanism.motion import slope
-from .starts import Crossing, initial_derivatives
+from .laws import Laws
+from .starts import Crossing, initial_derivatives, moved
 from .variants import Variant
 
 AT_ONCE = 1e-12  # relative difference of times that count as equal
 NUDGE = 1e-3  # rad or m, step of fourth-order differences
 PUSH = 1e-4  # relative to the size of a coordinate, step of fourth-order differences
+PUSHED = 1e-9  # relative to velocities, smallest jump of them
 STILL = Variant("", 0.0, 1.0, None, None)  # type: ignore[arg-type]  # stands for a direction of the state
 STILL.beside = {}, {}, {}
 
@@ -37,10 +41,10 @@ class ForwardPass:
     def run(self):
         variants, base = self.variants, self.base
         s = initial_derivatives(variants, base, self.legs[0].system)
-        times = times_of(self.solution, self.legs)
+        times, laws = times_of(self.solution, self.legs), laws_of(self.legs, base, variants)
         for leg, following in zip(self.legs, [*self.legs[1:], None], strict=True):
             residuals = variants.residuals(leg.system)
-            leg.follow(base.index1(leg.system), residuals, s)
+            leg.follow(base.index1(leg.system), residuals, s, laws)
             self.work["steps"] += len(leg.t)
             self.work["evaluations"] += len(leg.t) * residuals.evaluations
             s = self._cross(leg, following)
@@ -100,6 +104,7 @@ class BackwardPass:
 
     def run(self) -> np.ndarray:
         times, bar, end = list(times_of(self.solution, self.legs)), None, len(self.solution.t)
+        laws = laws_of(self.legs, self.base, self.variants)
         for i in reversed(range(len(self.legs))):
             leg, begin = self.legs[i], end - len(times[i])
             seeds = leg.seeds()
@@ -107,7 +112,7 @@ class BackwardPass:
                 leg.add_seeds(np.array([leg.span[1]]), [self._across_event(leg, self.legs[i + 1], bar)], seeds)
             leg.add_seeds(times[i], self._pulled(leg, times[i], range(begin, end)), seeds)
             residuals = self.variants.residuals(leg.system)
-            bar, rates = leg.follow_back(self.base.index1(leg.system), residuals, seeds)
+            bar, rates = leg.follow_back(self.base.index1(leg.system), residuals, seeds, laws)
             self.total += rates
             end = begin
         return self.total + initial_derivatives(self.variants, self.base, self.legs[0].system) @ bar
@@ -184,6 +189,12 @@ def _called(function, t, q, v, lam) -> float:
         raise UserFunctionError("the function rows= or terminal=", t, error) from error
 
 
+def laws_of(legs, base, variants) -> Laws | None:
+    """The laws of sampled torques of a run; None if it has none."""
+    system = base.index1(legs[0].system).system
+    return Laws(system, base, variants) if any(isinstance(each, BoundSampled) for each in system.held_forces) else None
+
+
 def sign_of(legs) -> float:
     return 1.0 if legs[-1].span[1] >= legs[0].span[0] else -1.0
 
@@ -213,8 +224,25 @@ def across_event(leg, following, solution, variants, base, s):
     """The derivatives (P, nx+nv) of the state at the start of the `following` leg, from `s` at the end of `leg`."""
     t, nx, nv = leg.span[1], leg.system.nx, leg.system.nv
     if not (applied := applied_at(solution, t)):
-        return s[:, : nx + nv]
+        return pushed(leg, following, variants, base, s[:, : nx + nv])
     return Crossing(applied[0], t, leg, variants, base, s).after(applied, variants, base, following)
+
+
+def pushed(leg, following, variants, base, s):
+    """The same where velocities jump with the rates of constraints: they are projected onto those behind the jump."""
+    system, (t, sign) = leg.system, (leg.span[1], sign_of([leg]))
+    p, v, (q, rate) = leg.steps[-1].p, leg.steps[-1].v, (following.start.p0, following.start.v0)
+    if np.abs(rate - v).max() <= PUSHED * (1.0 + np.abs(v).max()):
+        return s
+
+    def projected(side, t, p, v):
+        p, v = side.index1(system).projected(t, p, v)
+        return np.concatenate((system.difference(q, p), v))
+
+    behind = t + sign * jump_offset(t)
+    return np.array(
+        [moved(projected, each, base, system, behind, p, v, row) for each, row in zip(variants, s, strict=True)]
+    )
 
 
 class Completion:

@@ -1,21 +1,23 @@
 """The run to be differentiated, and its parameters: by names, or as arguments of a function."""
 
 import inspect
+import re
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from ..errors import InputError, PinconsistError
-from ..mechanism.breakpoints import Breakpoints
 from ..mechanism.checks import coordinates, finite_array
-from ..mechanism.forces import HeldTorque, Piecewise, Sampled
+from ..mechanism.forces import HeldTorque
 from ..mechanism.mechanism import Mechanism, with_added_forces
-from ..mechanism.parameters import Parameter, parameter, part_at
+from ..mechanism.parameters import Parameter, parameter, part_at, records_of
 from ..run.events import as_events
 from ..run.simulation import simulate
 from .jumps import refuse_jumps, refuse_moving_jumps
+from .laws import refuse_black_boxes
 from .leg import legs_of
-from .variants import Side, variants_of
+from .variants import OfRun, Side, variants_of
 
 SPEED = "_speed"
 
@@ -36,8 +38,8 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
             "derivatives are propagated along steps of Radau IIA, which depend on the state alone, not "
             f"method={method!r}; omit method="
         )
-    breakpoints = Breakpoints()
-    make = _maker(build, t_span[0], breakpoints, q0, v0, forces, events, control)
+    of_run = OfRun()
+    make = _maker(build, t_span[0], of_run, q0, v0, forces, events, control)
     base = make(theta)
     if base.mechanism.contacts:
         raise InputError(
@@ -50,9 +52,7 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
     )  # fmt: skip
     if solution.sol is None:
         raise PinconsistError(f"the run itself failed: {solution.message}")
-    of_run = solution.sol.curves[0].system.breakpoints  # of all its systems
-    of_run.on_steps(t_span[0])
-    breakpoints.share(of_run)
+    of_run.take(solution.sol.curves[0].system, t_span[0], t_span[1] < t_span[0])  # of all its systems
     legs = legs_of(solution.sol, base.index1)
     for leg in legs:
         leg.system.differentiate_forces()
@@ -74,7 +74,7 @@ def _names(names, theta):
     return names
 
 
-def _maker(build, t, breakpoints, q0, v0, forces, events, control=None):
+def _maker(build, t, of_run, q0, v0, forces, events, control=None):
     """``make(theta) -> Side``; the same mechanism for the same object that `build` returns."""
     made: dict = {}
 
@@ -86,19 +86,14 @@ def _maker(build, t, breakpoints, q0, v0, forces, events, control=None):
             commanded = mechanism if control is None else mechanism.with_control(control)
             made[id(mechanism)] = mechanism, with_added_forces(commanded, forces, "sensitivities")
         acting = made[id(mechanism)][1]
-        if any(isinstance(force, HeldTorque | Piecewise | Sampled) for force in acting.forces):
-            raise InputError(
-                "runs cannot be differentiated past times at which forces jump, as held or sampled torques do: "
-                "the steps start anew there, and the multipliers jump. Use smooth functions of time, or a table of "
-                "commands of an Actuator"
-            )
+        refuse_black_boxes(acting)
         starts = [value(values.copy()) if callable(value) else value for value in (q0, v0)]
         return Side(
             acting,
             starts[0],
             starts[1],
             t,
-            breakpoints,
+            of_run,
             as_events(_of_theta(events, values), acting),
         )
 
@@ -159,8 +154,7 @@ def _parameters(mechanism, names: Mapping[int, str]) -> list:
     """(index, parameter) of each of the `names`; for values of the same table, one (indices, parameter)."""
     tables: dict[str, list[int]] = {}
     for i, name in names.items():
-        stem, _, node = name.rpartition("[")
-        tables.setdefault(stem if node[:-1].isdecimal() else name, []).append(i)
+        tables.setdefault(_stem(name), []).append(i)
     found: list = []
     for members in tables.values():
         each = [names[i] for i in members]
@@ -168,9 +162,39 @@ def _parameters(mechanism, names: Mapping[int, str]) -> list:
         kind, *where = first.part(first.value) if first.part and len(set(each)) == len(each) > 1 else ("",)
         if kind == "nodes":
             found.append((np.array(members), _together(mechanism, each, *where[:2])))
+        elif kind == "held":
+            found.append((np.array(members), _held_together(mechanism, each, where[0])))
         else:
             found += zip(members, (first, *(parameter(mechanism, name) for name in each[1:])), strict=True)
     return found
+
+
+def _stem(name) -> str:
+    """The name without numbers in brackets at its end."""
+    return re.sub(r"(\[\d+\])+$", "", name)
+
+
+def _held_together(mechanism, names, record: HeldTorque) -> Parameter:
+    """One parameter for all torques with these names in a table of held torques."""
+    (label,) = (label for label, (*_, own) in records_of(mechanism).items() if own is record)
+    numbers = [[int(number) for number in re.findall(r"\d+", name[len(_stem(name)) :])] for name in names]
+    nodes = [(row, *(column or [0])) for row, *column in numbers]
+    table = np.asarray(record.torques)
+    for node, name in zip(nodes, names, strict=True):
+        if len(node) != 2 or not (node[0] < table.shape[0] and node[1] < table.shape[1]):
+            parameter(mechanism, name)  # raises an error that lists the numbers
+    places = tuple(np.array(nodes).T)
+    now = table[places]
+
+    def put(mechanism, values):
+        place, i, own = records_of(mechanism)[label]
+        torques = np.array(own.torques)
+        torques[places] = values
+        records = list(getattr(mechanism, place))
+        records[i] = replace(own, torques=torques)
+        return replace(mechanism, **{place: records})
+
+    return Parameter(names[0], now, put, lambda _: ("held", record, nodes))
 
 
 def _together(mechanism, names, record, path) -> Parameter:

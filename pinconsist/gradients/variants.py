@@ -30,18 +30,36 @@ ROUNDING = 1e-14  # relative to the residuals: rounding errors of their differen
 WIDE = 1e-3  # relative to a value: step of parameters that need only fourth-order differences
 
 
+class OfRun:
+    """What the systems of all parameters take over from the run, as soon as it is made: the times of its changes."""
+
+    def __init__(self):
+        self.breakpoints = Breakpoints()
+        self._system: MechanismSystem | None = None
+        self._start = 0.0, False
+
+    def take(self, system, t, backwards) -> None:
+        """Take the changes of a `system` whose run from `t` is over."""
+        system.breakpoints.on_steps(t)
+        self.breakpoints.share(system.breakpoints)
+        self._system, self._start = system, (t, backwards)
+
+    def put(self, system) -> None:
+        """Let another system change at the same times."""
+        system.breakpoints.share(self.breakpoints)
+        if self._system is not None:
+            system.on_steps(self._system, *self._start)
+
+
 @dataclass
 class Side:
-    """A mechanism at one offset of a parameter, with the initial values of its run and its events.
-
-    `breakpoints` are those of the run, as soon as it is made.
-    """
+    """A mechanism at one offset of a parameter, with the initial values of its run and its events."""
 
     mechanism: Mechanism
     q0: Any
     v0: Any
     t: float
-    breakpoints: Breakpoints
+    of_run: OfRun
     events: tuple
     _systems: dict = field(default_factory=dict)
     _jacobian: Callable | None = None
@@ -58,7 +76,7 @@ class Side:
     def solver(self):
         solver = LoopSolver(self.mechanism, self.t)
         if solver.loop_rows.breakpoints:
-            solver.loop_rows.breakpoints.share(self.breakpoints)
+            solver.loop_rows.breakpoints.share(self.of_run.breakpoints)
         return solver
 
     def velocity(self, q, kept):
@@ -92,7 +110,7 @@ class Side:
             system = MechanismSystem(self.mechanism, q, like.chosen_at, kept=like.kept)
             system.dropped_are_zero = like.dropped_are_zero
             system.differentiate_forces()
-            system.breakpoints.share(self.breakpoints)
+            self.of_run.put(system)
             self._systems[key] = Index1(system)
         return self._systems[key]
 
@@ -236,7 +254,8 @@ def variants_of(make, theta, names, steps, base: Side, system, t, p, v, paramete
         unit = np.arange(len(theta)) == i
         return Variant(names[i], theta[i], float(step), base, lambda m: make(theta + m * step * unit), list(parts))
 
-    parts = [(i, parts_of(each, system, chosen[i])) for i, each in parameters]
+    own = base.index1(system).system if parameters else system
+    parts = [(i, parts_of(each, own, chosen[i])) for i, each in parameters]
     known, moved = [(i, own) for i, own in parts if own], {}
     of_known = {column for i, _ in known for column in np.atleast_1d(i).tolist()}
     for i in sorted(set(range(len(names))) - of_known):

@@ -28,9 +28,10 @@ import pinocchio as pin
 
 from ..errors import InputError
 from .checks import near, number
-from .forces import JointDamping, JointFriction, bound_forces, model_forces
+from .forces import HeldTorque, JointDamping, JointFriction, bound_forces, model_forces
 from .forces.actuators import Table
 from .forces.force import ForceRecord
+from .forces.held import HeldRecord
 from .loops import GROUND
 
 AXES = {name: i for i, axis in enumerate("xyz") for name in (f"gravity.{axis}", f"gravity[{i}]")}
@@ -54,8 +55,8 @@ class Parameter:
 
     If it changes neither loops nor lengths, ``part(value)`` describes the change: ``("inertia", joint, numbers)``, with
     mass, first moments and inertias about the joint as in Pinocchio's regressor; ``("gravity", numbers)``; ``("force",
-    record)``; or ``("nodes", record, path of the table, indices)`` for values of a table. A parameter for several
-    values of a table has an array as its value.
+    record)``; ``("nodes", record, path of the table, indices)`` for values of a table; or ``("held", record, rows and
+    columns)`` for torques that are held. A parameter for several values of a table has an array as its value.
     """
 
     name: str
@@ -250,6 +251,11 @@ def _number_of(name, place, i, record, path) -> Parameter:
     part: Callable | None = None
     if isinstance(part_at(record, path[:-2]), Table) and path[-2] == "values":
         part = lambda value: ("nodes", record, path[:-2], [int(path[-1])])  # noqa: E731
+    elif isinstance(record, HeldTorque) and path[0] == "torques":
+        node = int(path[1]), int(path[2]) if len(path) > 2 else 0
+        part = lambda value: ("held", record, [node])  # noqa: E731
+    elif isinstance(record, HeldRecord):
+        pass
     elif place == "forces" and isinstance(record, ForceRecord):
         part = lambda value: ("force", with_number(record, path, value))  # noqa: E731
     return Parameter(name, float(part_at(record, path)), put, part)
@@ -287,7 +293,8 @@ def path_of(record, label, name) -> tuple:
     found = [path for path in numbers if ".".join(path) == name] or [path for path in numbers if path[-1] == name]
     if len(found) == 1:
         return found[0]
-    there = ", ".join(".".join(path) for path in found or numbers) or "none"
+    listed = [".".join(path) for path in found or numbers]
+    there = (", ".join(listed[:12]) + ", …" * (len(listed) > 12)) or "none"
     raise InputError(f"{label!r} has {'several numbers' if found else 'no number'} {name!r}; it has {there}")
 
 
@@ -306,6 +313,10 @@ def with_number(record, path, value):
     changed = with_number(_parts(record).get(name), rest, value)
     if isinstance(record, tuple):
         return (*record[: int(name)], changed, *record[int(name) + 1 :])
+    if isinstance(record, np.ndarray):
+        table = record.copy()
+        table[int(name)] = changed
+        return table
     return replace(record, **{name: changed}) if is_dataclass(record) else {**record, name: changed}
 
 
@@ -321,8 +332,10 @@ def part_at(record, path):
 
 
 def _parts(record) -> dict:
-    """The parts of a tuple, a mapping or a record, by name."""
-    if isinstance(record, tuple):
+    """The parts of a tuple, a mapping, a table or a record, by name."""
+    if isinstance(record, np.ndarray) and record.ndim == 2 and record.shape[1] == 1:
+        record = record[:, 0]
+    if isinstance(record, tuple | np.ndarray):
         return {str(i): part for i, part in enumerate(record)}
     if not is_dataclass(record):
         return dict(record) if isinstance(record, Mapping) else {}

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..engine.problem import Index3System
-from ..errors import PinconsistError
+from ..errors import InputError, PinconsistError
 from .assembly import velocity_on_constraints
 from .axes import rnea_derivatives
 from .breakpoints import Breakpoints
@@ -17,6 +17,7 @@ from .closing import LoopSolver
 from .forces import bound_forces
 from .forces.force import BoundForce, BoundLaw, Differentiated, UserForce
 from .forces.held import BoundHeld
+from .forces.piecewise import BoundPiecewise
 from .lie import difference, integrate, structure_constants
 from .mechanism import Mechanism
 from .names import velocity_names
@@ -59,6 +60,7 @@ class MechanismSystem(Index3System):
         self._take(forces, breakpoints)
         self._M = self.data.M.T  # a view; M is stored by columns; its transpose, which is equal, can be added faster
         self.moving, self._J, self._solver = self.rows.moving, None, None
+        self.steps_from: tuple | None = None  # the start of a run that is over, on whose steps the forces act
         self._structure = None if self.vector_like else structure_constants(self.model)
 
     def _take(self, forces, breakpoints):
@@ -96,6 +98,20 @@ class MechanismSystem(Index3System):
             for mine, theirs in zip(self.held_forces, like.held_forces, strict=True):
                 mine.follow(theirs, t)
         self.change(t, p, v)
+
+    def on_steps(self, run: "MechanismSystem", t, backwards) -> None:
+        """Let the forces that change act as in a `run` from `t` that is over, for evaluations in any order."""
+        mine, theirs = ([each for each in system.changing if each is not system.breakpoints] for system in (self, run))
+        if [type(each) for each in mine] != [type(each) for each in theirs]:
+            raise InputError(f"{self.mechanism.name}: the forces that change at known times are not those of the run")
+        for each, other in zip(mine, theirs, strict=True):
+            each.on_steps(other, t, backwards)
+        self.steps_from = t, backwards
+
+    def times_of_changes(self, low, high) -> list[float]:
+        """The times at which forces jump, in order; break points of functions of time are not among them."""
+        found = [each.times_between(low, high) for each in self.changing if each is not self.breakpoints]
+        return sorted(t for times in found for t in times)
 
     def next_change(self, t, t_end):
         times = [force.next_change(t) for force in self.changing]
@@ -192,6 +208,8 @@ class MechanismSystem(Index3System):
         for label, force in self.forces.items():
             if isinstance(force, BoundLaw | UserForce):
                 self.forces[label] = Differentiated(force, self.integrate)
+            elif isinstance(force, BoundPiecewise):
+                force.differentiate(self.integrate)
 
     def sharp_force(self, t, p, v):
         return sum((force.torque(t, p, v) for force in self._sharp), np.zeros(self.nv))

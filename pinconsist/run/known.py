@@ -13,6 +13,8 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
+from ..mechanism.forces.held import BoundHeld, Given, HeldRecord, columns_of
+from ..mechanism.forces.piecewise import BoundPiecewise
 from ..mechanism.motion import AHEAD, CENTRAL, difference_step
 from ..mechanism.parameters import Parameter, part_at, with_number
 
@@ -97,6 +99,34 @@ class Nodes:
         rates.act(columns[0], self.nodes, columns)
 
 
+@dataclass
+class HeldNodes:
+    """The derivative by torques of a table that are held: `nodes` are pairs (entry, velocity) of the `table`."""
+
+    table: BoundHeld
+    nv: int
+    nodes: list[tuple[int, int]]
+
+    def one(self, i):
+        return replace(self, nodes=[self.nodes[i]])
+
+    def force(self, model, data, t, q, v, a):
+        """r_θ for a single torque."""
+        ((entry, column),) = self.nodes
+        return -self.table.share_of(entry, t) * (np.arange(self.nv) == column)
+
+    def hand_over(self, rates, columns, weight) -> None:
+        columns = np.atleast_1d(columns).tolist()
+        for velocity in sorted({velocity for _, velocity in self.nodes}):
+            own = [(entry, k) for (entry, where), k in zip(self.nodes, columns, strict=True) if where == velocity]
+            key = own[0][1]
+            unit = Given(self.nv)
+            unit.give(np.eye(self.nv)[velocity])
+            rates.set_held(key, self.table.compiled(rates))
+            Pull(unit).side_of(rates, key, weight)
+            rates.act(key, *map(list, zip(*own, strict=True)))
+
+
 class Known:
     """One of these parts as a system, with zero rows as many as in the system `like`; `data` is shared."""
 
@@ -123,6 +153,8 @@ def parts_of(parameter: Parameter, system, step) -> list[tuple[float, Any]]:
     kind, *where = parameter.part(parameter.value)
     if kind == "nodes":
         return [(1.0, _nodes(system, *where))]
+    if kind == "held":
+        return _held(system, *where)
     step = CLOSE * step
     for _, weights in SIDES:
         changes = {m * step: weight / step for m, weight in weights.items()}
@@ -140,7 +172,19 @@ def parts_of(parameter: Parameter, system, step) -> list[tuple[float, Any]]:
 def _bound(record, system):
     bound = record.bind(system.model)
     bound.set_breakpoints(system.breakpoints)
+    if isinstance(bound, BoundPiecewise):
+        bound.on_steps(None, *system.steps_from)
     return bound
+
+
+def _held(system, record, nodes):
+    """The derivative by torques of a table; not known if the run goes backwards through it."""
+    held = [force for force in system.mechanism.forces if isinstance(force, HeldRecord)]
+    table = system.held_forces[next(i for i, each in enumerate(held) if each is record)]
+    if not table.in_order:
+        return []
+    columns = columns_of(system.model, record.joints, "HeldTorque")
+    return [(1.0, HeldNodes(table, system.nv, [(row, int(columns[column])) for row, column in nodes]))]
 
 
 def _nodes(system, record, path, nodes) -> Nodes:

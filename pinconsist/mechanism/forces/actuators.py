@@ -277,7 +277,7 @@ class BoundHeldActuator(BoundHeld):
         return self._actuator.element(t, q, v)
 
     def hand_over(self, compiled) -> bool:
-        return self._actuator.hand_over(compiled, self._in(compiled))
+        return self._actuator.hand_over(compiled, self.compiled(compiled))
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from ..checks import columns, finite_array, name, number, put, read_only, requir
 from .force import BoundForce, ForceRecord
 
 SAME_TIME = 1e-9  # in periods: times that differ by less are equal
+BEHIND = 0.25  # of the offset at a jump: on the steps of a run, a time later by less is not behind it
 
 
 class BoundHeld(BoundForce):
@@ -27,6 +28,8 @@ class BoundHeld(BoundForce):
         self._nv, self._sign, self._linear, self._table = nv, sign, linear, None
         self._keys, self._torques = [sign * t for t in times], list(torques)
         self.entered = len(self._keys)
+        self.in_order = True  # whether the entries are those given, and not reversed
+        self._begun: int | None = None  # entries at the start of a run that is over, on whose steps it acts
 
     @property
     def held(self) -> np.ndarray:
@@ -37,11 +40,24 @@ class BoundHeld(BoundForce):
 
     def entry(self, t):
         """The torques at a time, or None before the first entry."""
-        keys, torques = self._keys, self._torques
-        i = bisect_right(keys, self._sign * t, 0, self.entered)
+        keys, torques, i = self._keys, self._torques, self._reached(t)
         if not (self._linear and 0 < i < len(keys)):
             return torques[i - 1] if i else None
         return torques[i - 1] + (self._sign * t - keys[i - 1]) / (keys[i] - keys[i - 1]) * (torques[i] - torques[i - 1])
+
+    def _reached(self, t) -> int:
+        """The number of entries in effect up to a time."""
+        if self._begun is None:
+            return bisect_right(self._keys, self._sign * t, 0, self.entered)
+        return max(self._begun, bisect_right(self._keys, self._sign * t - BEHIND * jump_offset(t)))
+
+    def share_of(self, i, t) -> float:
+        """The share of the entry `i` in the torques at a time."""
+        n, keys = self._reached(t), self._keys
+        if not (self._linear and 0 < n < len(keys)):
+            return float(i == n - 1)
+        part = (self._sign * t - keys[n - 1]) / (keys[n] - keys[n - 1])
+        return part if i == n else 1.0 - part if i == n - 1 else 0.0
 
     def torque(self, t, q, v):
         held = self.entry(t)
@@ -63,6 +79,7 @@ class BoundHeld(BoundForce):
     def start(self, t, backwards) -> None:
         """Start a run at `t`: the entries up to this time are in effect."""
         if backwards != (self._sign < 0.0):  # reverse the table
+            self.in_order = not self.in_order
             held = self.entry(t)
             now = np.zeros(self._nv) if held is None else held
             first = bisect_right(self._keys, self._sign * t)
@@ -72,6 +89,21 @@ class BoundHeld(BoundForce):
             self._torques, self._sign = [now, *reversed(torques), *zero], -self._sign
         self.entered = bisect_right(self._keys, self._sign * t)
         self._fill()
+
+    def on_steps(self, run, t, backwards) -> None:
+        """Act as the same force of a `run` from `t` that is over, on its steps, which may be evaluated in any order.
+
+        A step that ends at a time of the table has the torques before it.
+        """
+        self.start(t, backwards)
+        if len(self._keys) == len(run._keys):  # the times at which steps ended
+            self._keys = list(run._keys)
+        self._begun, self.entered = self.entered, len(self._keys)
+        self._fill()
+
+    def times_between(self, low, high) -> list[float]:
+        """The times of entries inside an interval."""
+        return [t for t in (self._sign * key for key in self._keys) if low < t < high]
 
     def follow(self, other, t) -> None:
         """Continue at `t` what a controller does in another run; a table has it already."""
@@ -87,8 +119,8 @@ class BoundHeld(BoundForce):
         if before + 1 < len(self._keys):  # at large times entries may be closer than the offset
             offset = min(offset, 0.5 * (self._keys[before + 1] - self._keys[before]))
         n = bisect_right(self._keys, now + offset)
-        if self._keys[before:n] != (met := [min(key, now) for key in self._keys[before:n]]):
-            self._keys[before:n] = met  # `t` is a sum of steps, and slightly too small
+        if self._keys[before:n] != (met := [now] * (n - before)):
+            self._keys[before:n] = met  # `t` is a sum of steps, and slightly too small, or that of another change
             self._fill()
         self.entered = n
         if self._table is not None:
@@ -96,10 +128,11 @@ class BoundHeld(BoundForce):
         return None if n == before else not (self._linear and before and n == before + 1)
 
     def hand_over(self, compiled) -> bool:
-        compiled.add_held(self._in(compiled))
+        compiled.add_held(self.compiled(compiled))
         return True
 
-    def _in(self, compiled):
+    def compiled(self, compiled):
+        """The table in C++."""
         if self._table is None:
             self._table = compiled.held_table()
             self._fill()
@@ -114,6 +147,8 @@ class BoundHeld(BoundForce):
         for key, torque in zip(self._keys, self._torques, strict=True):
             self._table.hold(self._sign * key, torque)
         self._table.entered = self.entered
+        if self._begun is not None:
+            self._table.on_steps, self._table.begun = True, self._begun
 
 
 def columns_of(model, joints, who) -> np.ndarray:
@@ -240,6 +275,36 @@ class BoundSampled(BoundHeld):
         due = min(self._taken, self._waiting[0][0]) if self._waiting else self._taken
         return self._start + self._sign * due * self._record.period
 
+    def on_steps(self, run, t, backwards):
+        self.start(t, backwards)
+        self._keys, self._torques = list(run._keys), list(run._torques)
+        self._begun, self.entered = bisect_right(self._keys, self._sign * t + jump_offset(t)), len(self._keys)
+        self._fill()
+
+    def times_between(self, low, high):
+        """The times of its samples, and those at which their torques begin to act, inside an interval."""
+        period, delay = self._record.period, self._record.delay
+        last = max(self._sign * (t - self._start) for t in (low, high))
+        begun = [self._start + self._sign * period * n for n in range(int(last / period) + 2)]
+        return [t for each in begun for t in {each, each + self._sign * delay} if low < t < high]
+
+    @property
+    def columns(self) -> np.ndarray:
+        """The velocities that the torques act on."""
+        return self._columns
+
+    def entries_until(self, t) -> int:
+        """The number of entries in effect behind a time."""
+        return bisect_right(self._keys, self._sign * t + jump_offset(t))
+
+    def entry_of(self, i) -> np.ndarray:
+        """The torques of a sample."""
+        return self._torques[i][self._columns]
+
+    def sampled(self) -> list[float]:
+        """The times of the samples whose torques were held, in order."""
+        return [self._start + self._sign * i * self._record.period for i in range(len(self._keys))]
+
     def change(self, t, q, v):
         apart = min(max(SAME_TIME, jump_offset(t) / self._record.period), 0.5)  # `t` is rounded
         now = self._sign * (t - self._start) / self._record.period + apart
@@ -275,7 +340,8 @@ class Sampled(HeldRecord):
         Time between samples, s.
     law : callable
         ``law(t, q, v) -> torques``, one for each velocity of the joints, N·m (or N); called with read-only arrays, once
-        per sample, in the order of the run. If it has a state of its own, use a new law for each run.
+        per sample, in the order of the run. If it has a state of its own, use a new law for each run. Derivatives of
+        runs need ``law.derivative(t, q, v) -> (∂u/∂q, ∂u/∂v)``, each (m, nv) or None, if the law uses q or v.
     joints : str or sequence of str, optional
         Joints that the torques act on. Default: all.
     delay : float

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import floor
+from math import ceil, floor
 from operator import ge, gt
 from typing import Any
 
@@ -14,7 +14,8 @@ import numpy as np
 from ...errors import InputError
 from ..breakpoints import jump_offset
 from ..checks import finite_array, number, put
-from .force import BoundForce, ForceRecord, as_force, bound_force, label_of
+from .force import BoundForce, BoundLaw, Differentiated, ForceRecord, UserForce, as_force, bound_force, label_of
+from .held import BEHIND
 
 MOST = float(np.finfo(float).max) / 2.0  # in place of infinity: its differences are finite
 
@@ -25,6 +26,7 @@ class BoundPiecewise(BoundForce):
     def __init__(self, record, force):
         self._force, self._times, self._period = force, record.times, record.period
         self._backwards, self._here = False, None
+        self._begun: tuple | None = None  # the start of a run that is over, and the interval that begins there
         self.smooth, self.by_time = getattr(force, "smooth", False), getattr(force, "by_time", False)
         if hasattr(force, "stored"):
             self.stored = force.stored
@@ -44,6 +46,23 @@ class BoundPiecewise(BoundForce):
     def start(self, t, backwards) -> None:
         self._backwards, self._here = backwards, None
         self._here = self._around(t)
+
+    def on_steps(self, run, t, backwards) -> None:
+        """Act as in a run from `t` that is over: a step that ends at a jump has the force before it."""
+        self.start(t, backwards)
+        self._begun, self._backwards, self._here = (t, self._here), not backwards, None
+
+    def times_between(self, low, high) -> list[float]:
+        """The times at which it jumps, inside an interval."""
+        if not self._period:
+            return [t for t in self._times if low < t < high]
+        first, last = floor(low / self._period), ceil(high / self._period)
+        return [n * self._period for n in range(first, last + 1) if low < n * self._period < high]
+
+    def differentiate(self, integrate) -> None:
+        """Complete the derivatives of a user's force by differences."""
+        if isinstance(self._force, BoundLaw | UserForce):
+            self._force = Differentiated(self._force, integrate)
 
     def next_change(self, t) -> float:
         return self._here[0] if self._backwards else self._here[1]
@@ -69,10 +88,18 @@ class BoundPiecewise(BoundForce):
 
     def _inside(self, t):
         """The nearest time inside the interval, excluding its ends."""
+        here = self._interval(t)
+        return float(min(max(t, here[0] + jump_offset(here[0])), here[1] - jump_offset(here[1])))
+
+    def _interval(self, t):
+        if self._begun is not None:
+            begun, first = self._begun
+            before = t + (-BEHIND if self._backwards else BEHIND) * jump_offset(t)
+            return first if abs(t - begun) <= jump_offset(t) else self._around(before)
         here = self._here
         if here is None or (t > here[1] if self._backwards else t < here[0]):  # a time before the current interval
-            here = self._around(t)
-        return float(min(max(t, here[0] + jump_offset(here[0])), here[1] - jump_offset(here[1])))
+            return self._around(t)
+        return here
 
 
 @dataclass(frozen=True, eq=False)
