@@ -19,9 +19,10 @@
 
 import re
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import lru_cache
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -32,7 +33,8 @@ from .forces import HeldTorque, JointDamping, JointFriction, bound_forces, model
 from .forces.actuators import Table
 from .forces.force import ForceRecord
 from .forces.held import HeldRecord
-from .loops import GROUND
+from .loops import GROUND, Loop
+from .rows import rows_with_other_numbers
 
 AXES = {name: i for i, axis in enumerate("xyz") for name in (f"gravity.{axis}", f"gravity[{i}]")}
 OF_INERTIA = {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1), "xz": (0, 2), "yz": (1, 2), "zz": (2, 2)}
@@ -41,6 +43,7 @@ OF_BODIES: dict[str, dict[str, list]] = {  # kind → index in the name → indi
     "com": {str(i): [i] for i in range(3)},
     "inertia": {index: [(i, j), (j, i)] for index, (i, j) in OF_INERTIA.items()},
 }
+_PLACES: WeakKeyDictionary[Any, dict] = WeakKeyDictionary()  # mechanism → the places of its records
 OF_RECORDS = ("length", "stiffness", "damping", "friction")
 OF_JOINTS = {"damping": JointDamping, "friction": JointFriction}
 
@@ -69,9 +72,24 @@ def with_parameters(mechanism, values: Mapping[str, float]):
     """See :meth:`Mechanism.with_parameters`."""
     if not isinstance(values, Mapping):
         raise InputError(f"with_parameters needs a mapping name → number, got {values!r}")
-    for name, value in values.items():
-        mechanism = parameter(mechanism, name).put(mechanism, number(value, name))
+    changes = [(parameter(mechanism, name), number(value, name)) for name, value in values.items()]
+    for found, value in changes:
+        mechanism = found.put(mechanism, value)
     return mechanism
+
+
+def _changed(mechanism, loop=None, **fields):
+    """The mechanism with other numbers in a model, in a `loop` between anchors (its index) or in a force.
+
+    These have been checked themselves, and all that depends on names and sizes is unchanged.
+    """
+    other = copy(mechanism)
+    vars(other).update(fields)
+    vars(other).pop("contact_elements", None)
+    rows_with_other_numbers(mechanism, other, loop)
+    if mechanism in _PLACES:
+        _PLACES[other] = _PLACES[mechanism]
+    return other
 
 
 def parameter(mechanism, name: str) -> Parameter:
@@ -131,7 +149,9 @@ def _of_gravity(mechanism, name) -> Parameter:
         return np.where(np.arange(3) == AXES[name], value, mechanism.model.gravity.linear)
 
     def put(mechanism, value):
-        return mechanism.with_gravity(changed(mechanism, value))
+        model = mechanism.model.copy()
+        model.gravity.linear = changed(mechanism, value)
+        return _changed(mechanism, model=model)
 
     part = lambda value: ("gravity", changed(mechanism, value))  # noqa: E731
     return Parameter(name, float(mechanism.model.gravity.linear[AXES[name]]), put, part)
@@ -165,7 +185,9 @@ def _of_body(mechanism, name, kind, whose) -> Parameter:
             model.inertias[joint] = pin.Inertia(*changed(model, value))
         except RuntimeError as error:
             raise InputError(f"{name} cannot be {value:g}: {error}") from error
-        return replace(mechanism, model=model)
+        if model.inertias[joint].mass < 0.0:
+            raise InputError(f"the body at joint {model.names[joint]!r} has negative mass {value:g} kg")
+        return _changed(mechanism, model=model)
 
     def part(value):
         mass, lever, inertia = changed(model, value)
@@ -198,7 +220,9 @@ def _of_tree(mechanism, name, kind, whose) -> Parameter:
         def put_coefficient(mechanism, value):
             model = mechanism.model.copy()
             getattr(model, kind)[columns] = number(value, name, least=0.0)
-            return replace(mechanism, model=model)
+            other = _changed(mechanism, model=model)
+            _PLACES.pop(other, None)  # the model may have one more force, or one less
+            return other
 
         part = lambda value: ("force", OF_JOINTS[kind]({whose: value}))  # noqa: E731
         return Parameter(name, float(getattr(model, kind)[columns][0]), put_coefficient, part)
@@ -246,6 +270,10 @@ def _number_of(name, place, i, record, path) -> Parameter:
     def put(mechanism, value):
         records = list(getattr(mechanism, place))
         records[i] = with_number(records[i], path, value)
+        if isinstance(records[i], Loop):
+            return _changed(mechanism, i, loops=tuple(records))
+        if isinstance(records[i], ForceRecord):
+            return _changed(mechanism, forces=tuple(records))
         return replace(mechanism, **{place: records})
 
     part: Callable | None = None
@@ -261,14 +289,21 @@ def _number_of(name, place, i, record, path) -> Parameter:
     return Parameter(name, float(part_at(record, path)), put, part)
 
 
-@lru_cache(maxsize=1)
 def records_of(mechanism) -> dict:
     """Name → ("loops", "forces" or "contacts", index among them, record) of all of them, the longest names first."""
+    places = _PLACES.get(mechanism)
+    if places is None:
+        places = _PLACES[mechanism] = _places_of_records(mechanism)
+    return {label: (place, i, getattr(mechanism, place)[i]) for label, (place, i) in places.items()}
+
+
+def _places_of_records(mechanism) -> dict:
+    """The same without the records."""
     own = len(model_forces(mechanism.model))
     labels = list(bound_forces(mechanism.model, mechanism.forces))[own:]
-    found = {label: ("forces", i, mechanism.forces[i]) for i, label in enumerate(labels)}
-    found |= {loop.name: ("loops", i, loop) for i, loop in enumerate(mechanism.loops)}
-    found |= {each.name: ("contacts", i, each) for i, each in enumerate(mechanism.contacts)}
+    found = {label: ("forces", i) for i, label in enumerate(labels)}
+    found |= {loop.name: ("loops", i) for i, loop in enumerate(mechanism.loops)}
+    found |= {each.name: ("contacts", i) for i, each in enumerate(mechanism.contacts)}
     return dict(sorted(found.items(), key=lambda item: -len(item[0])))
 
 

@@ -76,7 +76,11 @@ class LoopRows:
     @staticmethod
     def of(mechanism) -> LoopRows:
         """The rows of a mechanism, with their own workspace; they are built once and then copied."""
-        built = _BUILT.get(mechanism) or _BUILT.setdefault(mechanism, LoopRows(mechanism.model, mechanism.loops))
+        built = _BUILT.get(mechanism)
+        if built is None:
+            like, others = _LIKE.pop(mechanism, (None, ()))
+            built = LoopRows(mechanism.model, mechanism.loops) if like is None else like._with(mechanism.loops, others)
+            _BUILT[mechanism] = built
         rows = copy(built)
         rows.closures = [closure.apart() for closure in built.closures]
         if built.moving:
@@ -84,6 +88,18 @@ class LoopRows:
             rows.breakpoints.add(rows.closures)
         if not all(isinstance(loop, Loop | Coupling) for loop in built.loops):  # user-defined functions may change
             rows._evaluated = {}
+        return rows
+
+    def _with(self, loops, others) -> LoopRows:
+        """The same rows for `loops`, of which some (their indices) have other numbers."""
+        rows = copy(self)
+        if others:
+            rows.loops, rows.closures = loops, list(self.closures)
+            for i in others:
+                rows.closures[i] = AnchoredRows(self.model, loops[i])
+            changed = {loops[i].name for i in others}
+            rows.near = {key: near for key, near in self.near.items() if key[0] not in changed}
+            rows._evaluated, rows.vanishing, rows.closed, rows.ranked = {}, {}, {}, {}
         return rows
 
     def continue_in(self, breakpoints) -> None:
@@ -334,5 +350,13 @@ def _anchor_motion(model, data, joint, placement):
 
 
 _BUILT: WeakKeyDictionary[Any, LoopRows] = WeakKeyDictionary()  # mechanism → rows that are only copied, not evaluated
+_LIKE: WeakKeyDictionary[Any, tuple] = WeakKeyDictionary()  # mechanism → rows, and its loops with other numbers
 RECORDS = {Loop: AnchoredRows, Drive: DriveRow, Coupling: CouplingRow, Constraint: ConstraintRows}
 """Record types among the loops of a mechanism → the class of their rows."""
+
+
+def rows_with_other_numbers(mechanism, other, loop=None) -> None:
+    """Let a mechanism with the same kinematics, except for those of a `loop` (its index), use rows already built."""
+    like, others = _LIKE.get(mechanism, (_BUILT.get(mechanism), ()))
+    if like is not None:
+        _LIKE[other] = like, ({*others, loop} if loop is not None else others)
