@@ -14,6 +14,7 @@ import pinocchio as pin
 from pinconsist import InputError, PinconsistError, Torque, simulate
 from pinconsist.cli import output
 from pinconsist.cli.scene import option
+from pinconsist.engine.norms import EPS
 
 from . import report
 from .chains.campaign import FLOOR, MAX_STEPS, off
@@ -36,6 +37,8 @@ BARS = {"q": 100.0, "v": 100.0, "force": 0.01}
 """Errors of q and v in tolerances, and of forces relative to the largest, at which a verdict must not be ok."""
 ROUNDING = 1e-9
 """Of the other forces, and of masses times squared speeds: loop forces that are all smaller are rounding."""
+ROUNDED = 16.0
+"""Rounding of these forces, in EPS: errors of loop forces up to there are none."""
 NEAR, FAR = 3.0, 10.0
 """Factors between estimated and true errors: that of a good estimate, and that beyond which ``ok`` misleads."""
 
@@ -240,7 +243,9 @@ def true_errors(sol, reference, tol):
     over = off(reference, states)
     others = np.abs(sol.system.evaluate(sol.t[0], sol.q[0], sol.v[0], 0.0 * sol.v[0])[0]).max()
     masses = np.abs(pin.crba(sol.system.model, sol.system.model.createData(), sol.q[0])).max()
-    scale = max(*sizes, ROUNDING * others, ROUNDING * masses * np.abs(sol.v).max() ** 2) or 1.0
+    others = max(others, masses * np.abs(sol.v).max() ** 2)
+    scale = max(*sizes, ROUNDING * others) or 1.0
+    force = max(force - ROUNDED * EPS * others, 0.0)
     return (float(q), float(v), float(force / scale)), (over["q"] / tol, over["v"] / tol)
 
 
