@@ -58,13 +58,14 @@ class Row:
 def gallery(sources, until=0.5) -> Iterator[Row]:
     """Load, close and simulate all files of the sources: names of `PACKAGES`, ``models``, or folders."""
     for source in sources:
-        for title, file in _files(source):
+        for title, file in files_of(source):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 yield _row(title, file, until)
 
 
-def _files(source):
+def files_of(source):
+    """(title, path) of the files of a source; the names of built-in scenes instead of their paths."""
     if source == "models":
         yield from ((name, name) for name in pc.models() if "<" not in name)
         return

@@ -140,10 +140,6 @@ NOT_COMPUTED = {
         f'{ARM}<actuator><motor name="m" joint="j" damping="1"/></actuator>',
         "actuator 'm': damping is not supported",
     ),
-    "fluid": (
-        '<option density="1.2"/>' + world(body("<joint/>" + ROD.replace("<geom ", '<geom fluidshape="ellipsoid" '))),
-        "body .*: fluidshape is not supported: lift and added mass of ellipsoids",
-    ),
     "composite": (world(body("<composite/>")), "body 1: composite 1: unrecognized element"),
     "attach": (world("<attach/>"), "worldbody: attach 1: required attribute missing"),
     "plugin": (world(body("<plugin/>")), "body 1.*: neither 'plugin' nor 'instance' is specified"),

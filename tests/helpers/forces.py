@@ -3,7 +3,7 @@
 import numpy as np
 
 import pinconsist as pc
-from pinconsist.mechanism.forces import FluidDrag
+from pinconsist.mechanism.forces import FluidDrag, FluidEllipsoid
 
 
 def law(t, q, v):
@@ -46,6 +46,17 @@ FORCES = {  # on mixed_tree: joints hinge, slide, ball, float, turn, glide
     ),
     "bushing on the ground": pc.Bushing("universe", "wheel", (30, 20, 10, 4, 5, 6), rpy1=(0.1, 0.2, 1.8)),
     "drag": FluidDrag("arm", (0.1, 0.2, 0.3), 100.0, 2.0, (1, 2, 3), (0.1, 0.2, 0.3), (0.3, 0.2, 0.1)),
+    "lift": FluidEllipsoid(
+        "arm",
+        (0.1, 0.2, 0.3),
+        100.0,
+        2.0,
+        (1, 2, 3),
+        (0.1, 0.2, 0.3),
+        (0.3, 0.2, 0.1),
+        (0.5, 0.3, 1.5, 0.9, 0.8),
+        (0.1, 0.2, 0.3, 0.01, 0.02, 0.03),
+    ),
     "viscous drag": FluidDrag("raft", (0.1, 0.2, 0.3), 0.0, 2.0),
     "torque": pc.JointTorque({"hinge": 2.0, "ball": (1, 2, 3)}),
     "torque of time": pc.JointTorque({"hinge": np.sin, "ball": wave, "slide": 3}),

@@ -176,6 +176,17 @@ ZOO |= {
     + '<tendon><spatial stiffness="3" damping="0.4"><site site="s"/><site site="w"/></spatial></tendon>',
     "fluid": '<option density="1000" viscosity="3" wind="1 -2 0.5"/>'
     + chain(("", SKEW + BRICK), ('euler="5 6 7"', JOINTS["ball"] + ROD)),
+    "ellipsoids in a fluid": '<option density="1000" viscosity="3" wind="1 -2 0.5"/>'
+    '<default><geom fluidshape="ellipsoid" '
+    'fluidcoef="0.4 0.3 1.2 0.9 0.8"/></default>'
+    + chain(
+        ("", SKEW + '<geom type="ellipsoid" size="0.1 0.2 0.3" euler="10 20 30" pos="0.1 0 0"/>' + ROD),
+        ('euler="5 6 7"', JOINTS["ball"] + '<geom type="box" size="0.3 0.1 0.2" pos="0 0.1 0"/>'),
+        (
+            "",
+            JOINTS["hinge"] + '<geom type="cylinder" size="0.1 0.3"/><geom size="0.1" fluidshape="none" pos="1 0 0"/>',
+        ),
+    ),
     "springs of a ball and a free joint": '<option gravity="0 0 0"/>'  # its armature is a mass without weight
     + world(
         body('<joint type="free" stiffness="2" armature="0.3"/>' + BRICK, 'pos="1 2 3" euler="10 20 30"'),

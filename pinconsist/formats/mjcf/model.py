@@ -10,7 +10,7 @@ from numpy.polynomial import Polynomial
 
 from ...errors import FormatError, InputError, warn
 from ...mechanism.checks import places
-from ...mechanism.forces import Actuator, FluidDrag, JointSpring, SpringDamper, Wrench
+from ...mechanism.forces import Actuator, FluidDrag, FluidEllipsoid, JointSpring, SpringDamper, Wrench
 from ...mechanism.joint_constraints import Coupling, Drive
 from ...mechanism.loops import GROUND, Loop, anchor
 from ...mechanism.motion import Motion
@@ -20,6 +20,7 @@ _FREE, _BALL, _SLIDE, _HINGE = range(4)
 _KINDS = ("free", "ball", "slide", "hinge")
 _EQUALITIES = ("connect", "weld", "joint")
 _SITE = 6
+_SPHERE, _CAPSULE, _CYLINDER = 2, 3, 5  # kinds of geoms
 _TENDON = 3  # a kind of transmission
 _WRAPS_JOINT, _WRAPS_SITE = 1, 3  # kinds of tendon elements
 _AXES = {(1.0, 0.0, 0.0): "X", (0.0, 1.0, 0.0): "Y", (0.0, 0.0, 1.0): "Z"}
@@ -158,15 +159,21 @@ class Tree:
                     yield Wrench(self.bodies[body], tuple(force), xyz=tuple(m.body_ipos[body]))
 
     def _drags(self):
-        """The drag of each body in the fluid, that of a box with its mass and inertia."""
+        """The drag of each body in the fluid: that of its ellipsoids, or of a box with its mass and inertia."""
         m, wind = self._m, tuple(np.array(self._m.opt.wind).tolist())
-        for body in range(m.nbody):
+        fluid = float(m.opt.density), float(m.opt.viscosity)
+        ellipsoids = np.flatnonzero(m.geom_fluid[:, 0] > 0)
+        for g in ellipsoids:
+            body, (_, *coefficients) = int(m.geom_bodyid[g]), m.geom_fluid[g].tolist()
+            if self._stands[body][0]:
+                own = _position(pose(m.geom_pos[g], m.geom_quat[g]))
+                more = tuple(coefficients[:5]), tuple(coefficients[5:])
+                yield FluidEllipsoid(self.bodies[body], _semiaxes(m, g), *fluid, wind, *own, *more)
+        for body in sorted(set(range(m.nbody)) - set(m.geom_bodyid[ellipsoids].tolist())):
             if self._stands[body][0] and m.body_mass[body] > 0.0:
                 a, b, c = m.body_inertia[body]
                 sizes = np.sqrt(np.maximum(6.0 * np.array([b + c - a, a + c - b, a + b - c]) / m.body_mass[body], 0.0))
-                place = pose(m.body_ipos[body], m.body_iquat[body])
-                own = tuple(place.translation.tolist()), tuple(pin.rpy.matrixToRpy(place.rotation).tolist())
-                fluid = float(m.opt.density), float(m.opt.viscosity)
+                own = _position(pose(m.body_ipos[body], m.body_iquat[body]))
                 yield FluidDrag(self.bodies[body], tuple(sizes.tolist()), *fluid, wind, *own)
 
     def _rest(self, j):
@@ -370,6 +377,22 @@ def _plain(shares):
     return next(iter(shares)) if list(shares.values()) == [1.0] else shares
 
 
+def _position(place):
+    """(xyz, rpy) of a pose."""
+    return tuple(place.translation.tolist()), tuple(pin.rpy.matrixToRpy(place.rotation).tolist())
+
+
+def _semiaxes(m, g) -> tuple[float, ...]:
+    """Half the axes of the ellipsoid that stands for a geom in a fluid."""
+    radius, half, _ = size = m.geom_size[g].tolist()
+    kind = int(m.geom_type[g])
+    if kind == _SPHERE:
+        return radius, radius, radius
+    if kind in (_CAPSULE, _CYLINDER):
+        return radius, radius, half + radius * (kind == _CAPSULE)
+    return tuple(size)
+
+
 def _tendon_error(m, tendon, reason):
     word = m.tendon(tendon).name or "spatial"
     cure = f"ignore=[{word!r}] loads the scene without it"
@@ -393,10 +416,6 @@ def _check(m) -> None:
     free = m.jnt_type[m.dof_jntid] == _FREE
     _refuse(m, "jnt_actgravcomp", m.jnt_actgravcomp & m.jnt_actfrclimited, "not supported with an actuatorfrcrange")
     _refuse(m, "dof_frictionloss", free & (m.dof_frictionloss != 0), "not supported for a free joint")
-    if m.opt.density or m.opt.viscosity:
-        shaped = m.geom_bodyid[m.geom_fluid[:, 0] > 0]
-        bad = np.isin(np.arange(m.nbody), shaped)
-        _refuse(m, "body_fluidshape", bad, "not supported: lift and added mass of ellipsoids in a fluid")
     if m.nv == 0:
         raise FormatError("nothing can move: no body has a joint")
 

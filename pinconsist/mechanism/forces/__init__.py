@@ -24,16 +24,16 @@ system evaluates. The equations are M v' + nle = τ + Jᵀλ, so that τ·v is t
 
 from .actuators import Actuator
 from .bodies import Bushing, SpringDamper, Wrench
-from .fluids import FluidDrag
+from .fluids import FluidDrag, FluidEllipsoid
 from .force import Force, JointTorque, Torque, as_force, bound_force, label_of, unused
 from .held import HeldTorque, Sampled
 from .joints import JointDamping, JointFriction, JointSpring, Servo
 from .piecewise import Piecewise
 
 __all__ = [
-    "Actuator", "Bushing", "FluidDrag", "Force", "HeldTorque", "JointDamping", "JointFriction", "JointSpring",
-    "JointTorque", "Piecewise", "Sampled", "Servo", "SpringDamper", "Torque", "Wrench", "as_force", "bound_forces",
-    "model_forces", "unused",
+    "Actuator", "Bushing", "FluidDrag", "FluidEllipsoid", "Force", "HeldTorque", "JointDamping", "JointFriction",
+    "JointSpring", "JointTorque", "Piecewise", "Sampled", "Servo", "SpringDamper", "Torque", "Wrench", "as_force",
+    "bound_forces", "model_forces", "unused",
 ]  # fmt: skip
 
 
