@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import pinocchio as pin
 
-from ..mechanism.checks import frame_of, places
+from ..mechanism.checks import frame_of, places, workspace
 from ..mechanism.loops import GROUND, Loop, anchor
 
 KINDS = {
@@ -57,7 +57,7 @@ def closed(model: pin.Model, loops: Iterable, start: Mapping | None = None) -> t
     loops = tuple(loops)
     if not any(isinstance(loop, Closure) for loop in loops):
         return loops
-    data = model.createData()
+    data = workspace(model)
     q = pin.neutral(model)
     for joint, position in (start or {}).items():
         if model.existJointName(joint):

@@ -15,6 +15,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import pinocchio as pin
 
+from ..mechanism.checks import workspace
 from ..mechanism.joint_constraints import Coupling
 from ..mechanism.loops import GROUND
 from .closures import WITH_AXIS, Closure, kind_of
@@ -113,7 +114,7 @@ def _axis(node, place, child, model):
     expressed = node.child("xyz").get("expressed_in")
     in_model = node.child("use_parent_model_frame").text().lower() in ("1", "true") or expressed == "__model__"
     if in_model and child != GROUND:
-        data = model.createData()
+        data = workspace(model)
         pin.framesForwardKinematics(model, data, pin.neutral(model))
         axis = place.rotation.T @ data.oMf[model.getFrameId(child, pin.FrameType.BODY)].rotation.T @ axis
     return tuple(axis.tolist())

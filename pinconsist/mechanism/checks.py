@@ -241,13 +241,17 @@ def workspace(model: pin.Model) -> pin.Data:
 
     They hold eight arrays of nv³ numbers. A process that asks for too many is ended without a word.
     """
-    needed = 64.0 * model.nv**3
-    if needed > (memory := _memory()):
-        raise InputError(
-            f"{model.name}: {model.nv} velocities are too many: Pinocchio's workspace for them takes "
-            f"{needed / 1e9:.0f} GB, and this machine has {memory / 1e9:.0f} GB"
-        )
-    return model.createData()
+    needed, memory = 64.0 * model.nv**3, _memory()
+    refused = InputError(
+        f"{model.name}: {model.nv} velocities are too many: Pinocchio's workspace for them takes "
+        f"{needed / 1e9:.0f} GB, and this machine has {memory / 1e9:.0f} GB"
+    )
+    if needed > memory:
+        raise refused
+    try:
+        return model.createData()
+    except MemoryError:
+        raise refused from None
 
 
 def _memory() -> float:

@@ -9,6 +9,7 @@ from html import escape
 import numpy as np
 import pinocchio as pin
 
+from .checks import workspace
 from .forces import bound_forces
 from .names import position_names, position_units
 from .rows import LoopRows
@@ -75,7 +76,7 @@ def svg_of(mechanism) -> str:
 
     The view is normal to the plane of largest extent; the vertical points up if possible.
     """
-    model, data, motors = mechanism.model, mechanism.model.createData(), set(mechanism.actuated)
+    model, data, motors = mechanism.model, workspace(mechanism.model), set(mechanism.actuated)
     pin.forwardKinematics(model, data, mechanism.guess)
     joints = [np.array(data.oMi[i].translation) for i in range(model.njoints)]
     lines = [(joints[model.parents[i]], joints[i], "body") for i in range(1, model.njoints) if model.parents[i]]

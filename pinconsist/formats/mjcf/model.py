@@ -9,7 +9,7 @@ import pinocchio as pin
 from numpy.polynomial import Polynomial
 
 from ...errors import FormatError, InputError, warn
-from ...mechanism.checks import places
+from ...mechanism.checks import places, workspace
 from ...mechanism.forces import Actuator, FluidDrag, FluidEllipsoid, JointSpring, SpringDamper, Wrench
 from ...mechanism.joint_constraints import Coupling, Drive
 from ...mechanism.loops import GROUND, Loop, anchor
@@ -289,7 +289,7 @@ class Tree:
             yield Coupling(tendon, tendon, _plain(shares))
         m, off = self._m, sorted(self.off & {"equality", "constraint"})
         if m.neq:
-            data = self.model.createData()
+            data = workspace(self.model)
             pin.framesForwardKinematics(self.model, data, pin.normalize(self.model, self.configuration(m.qpos0)))
         for e in range(m.neq):
             kind = (*_EQUALITIES, "tendon", *["flex"] * 9)[m.eq_type[e]]

@@ -23,7 +23,7 @@ system evaluates. The equations are M v' + nle = τ + Jᵀλ, so that τ·v is t
 """
 
 from .actuators import Actuator
-from .bodies import Bushing, SpringDamper, Wrench
+from .bodies import Bushing, SpringDamper, Wrench, shared_points
 from .fluids import FluidDrag, FluidEllipsoid
 from .force import Force, JointTorque, Torque, as_force, bound_force, label_of, unused
 from .held import HeldTorque, Sampled
@@ -46,7 +46,8 @@ def model_forces(model) -> tuple[JointDamping | JointFriction, ...]:
 def bound_forces(model, forces) -> dict[str, Force]:
     """The model's own forces and the given ones, bound to the model, by unique labels; passes on their InputErrors."""
     bound: dict[str, Force] = {}
-    for force in (*model_forces(model), *forces):
-        label = unused(label_of(force), bound)
-        bound[label] = bound_force(model, force, label)
+    with shared_points():
+        for force in (*model_forces(model), *forces):
+            label = unused(label_of(force), bound)
+            bound[label] = bound_force(model, force, label)
     return bound

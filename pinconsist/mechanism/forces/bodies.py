@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections import namedtuple
 from collections.abc import Callable
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from math import inf, sqrt
 
 import numpy as np
@@ -14,7 +16,7 @@ import pinocchio as pin
 from ...errors import InputError
 from ..axes import SMOOTH, turning_columns
 from ..breakpoints import time_function
-from ..checks import frame_of, name, number, numbers, put, put_checked, returned, triple
+from ..checks import frame_of, name, number, numbers, put, put_checked, returned, triple, workspace
 from ..lie import integrate
 from ..loops import GROUND
 from ..motion import first
@@ -29,15 +31,42 @@ ZERO = (0.0, 0.0, 0.0)
 _Point = namedtuple("_Point", "joint x J spin")
 
 
-class _Points:
-    """Kinematics of points on one model, with its own workspace."""
+_SHARED: ContextVar[dict | None] = ContextVar("kinematics of the forces that are bound together", default=None)
+
+
+@contextmanager
+def shared_points():
+    """Within the block, all forces of a model share one :class:`Points`: its workspace has eight arrays of nv³."""
+    before = _SHARED.set({})
+    try:
+        yield
+    finally:
+        _SHARED.reset(before)
+
+
+def points_of(model: pin.Model):
+    """Points of a model: shared, or new."""
+    shared = _SHARED.get()
+    if shared is None:
+        return Points(model)
+    if id(model) not in shared:
+        shared[id(model)] = Points(model)
+    return shared[id(model)]
+
+
+class Points:
+    """Kinematics of points on one model, at the configuration of the last :meth:`move`."""
 
     def __init__(self, model: pin.Model):
         self.model = model.copy()
         self.model.gravity.setZero()  # static torques are then those of the given forces only
-        self.data = self.model.createData()
         self._loads = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
         self._still = np.zeros((3, model.nv))
+
+    @cached_property
+    def data(self) -> pin.Data:
+        """The workspace, made when a force is evaluated."""
+        return workspace(self.model)
 
     def move(self, q) -> None:
         pin.computeJointJacobians(self.model, self.data, q)
@@ -90,7 +119,7 @@ class _BoundSpring(BoundForce):
     smooth = True
 
     def __init__(self, spring, model):
-        self.spring, self._points = spring, _Points(model)
+        self.spring, self._points = spring, points_of(model)
         self.ends = []
         for frame, xyz in ((spring.frame1, spring.xyz1), (spring.frame2, spring.xyz2)):
             frame = frame_of(model, frame, spring._who)
@@ -214,7 +243,7 @@ class _BoundBushing(BoundForce):
     smooth = True
 
     def __init__(self, bushing, model):
-        self._points, self._model = _Points(model), model
+        self._points, self._model = points_of(model), model
         self._stiffness, self._damping = np.array(bushing.stiffness), np.array(bushing.damping)
         self.ends = []
         for end in (1, 2):
@@ -334,7 +363,7 @@ class _BoundWrench(BoundForce):
             raise InputError(f"{wrench._who}: the frame belongs to the ground, which cannot move")
         self._wrench, self._joint, self._turn = wrench, frame.parentJoint, frame.placement.rotation
         self._offset = frame.placement.act(np.array(wrench.xyz))
-        self._points, self._local = _Points(model), wrench.axes == "local"
+        self._points, self._local = points_of(model), wrench.axes == "local"
         self.smooth = not (callable(wrench.force) or callable(wrench.moment))
 
     def torque(self, t, q, v):

@@ -13,14 +13,14 @@ from ..axes import SMOOTH
 from ..checks import frame_of, name, number, numbers, put_checked, triple
 from ..lie import integrate
 from ..motion import first
-from .bodies import ZERO
+from .bodies import ZERO, points_of
 from .force import BoundForce, ForceRecord
 
 
 class _BoundDrag(BoundForce):
     def __init__(self, drag, model):
         frame = frame_of(model, drag.frame, drag._who)
-        self._model, self._data, self._joint = model, model.createData(), frame.parentJoint
+        self._model, self._points, self._joint = model, points_of(model), frame.parentJoint
         own = pin.SE3(pin.rpy.rpyToMatrix(*drag.rpy), np.array(drag.xyz))
         self._place, self._wind = frame.placement * own, np.array(drag.wind)
         a, b, c = drag.sizes
@@ -32,10 +32,10 @@ class _BoundDrag(BoundForce):
 
     def _motion(self, q, v):
         """The velocity relative to the fluid, (6,), and its Jacobian, in the axes of the body's box; its pose."""
-        pin.computeJointJacobians(self._model, self._data, q)
-        J = pin.getJointJacobian(self._model, self._data, self._joint, pin.LOCAL).reshape(6, -1)
+        self._points.move(q)
+        J = pin.getJointJacobian(self._points.model, self._points.data, self._joint, pin.LOCAL).reshape(6, -1)
         J = self._place.toActionMatrixInverse() @ J
-        pose = self._data.oMi[self._joint] * self._place
+        pose = self._points.data.oMi[self._joint] * self._place
         speed = J @ v
         speed[:3] -= pose.rotation.T @ self._wind
         return speed, J, pose

@@ -35,13 +35,12 @@ class _ViscousDamping(BoundForce):
 
     def __init__(self, damping, model):
         self._coefficients = spread(model, damping.coefficients, "JointDamping", alike=True)
-        self._by_v = -np.diag(self._coefficients)
 
     def torque(self, t, q, v):
         return -self._coefficients * v
 
     def derivatives(self, t, q, v):
-        return None, self._by_v
+        return None, -np.diag(self._coefficients)
 
     def hand_over(self, compiled) -> bool:
         compiled.add_damping(self._coefficients)
@@ -136,9 +135,6 @@ class _BoundServo(BoundForce):
         self._who, self._target, self._rate = record._who, target, rate
         self._stiffness, self._damping = record.stiffness, damping
         self.smooth = rate is None and (type(target) is Motion or not callable(target))
-        self._by_q, self._by_v = np.zeros((2, model.nv, model.nv))
-        i = self._coordinate.column
-        self._by_q[i, i], self._by_v[i, i] = -record.stiffness, -damping
 
     def torque(self, t, q, v):
         target, rate = self._wanted(t)
@@ -147,7 +143,10 @@ class _BoundServo(BoundForce):
         return tau
 
     def derivatives(self, t, q, v):
-        return self._by_q, self._by_v if self._damping else None
+        by_q, by_v = np.zeros((2, len(v), len(v)))  # not kept: there may be thousands of springs
+        i = self._coordinate.column
+        by_q[i, i], by_v[i, i] = -self._stiffness, -self._damping
+        return by_q, by_v if self._damping else None
 
     def functions_of_time(self, q, v):
         if type(self._target) is Motion or not callable(self._target):
