@@ -120,6 +120,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
         "copy": "",
         "step": "dt control",
         "state": None,
+        "mechanism": None,
         "lam": None,
         "events": None,
         "solution": "",

@@ -27,6 +27,8 @@ struct Force {
   virtual void narrow(Vec &) const {}
   // Whether it may bend or jump within a step; then it uses t, q and v only.
   virtual bool sharp() const { return false; }
+  // A number by its name in the record; null where it cannot be changed.
+  virtual double *number(const std::string &) { return nullptr; }
 };
 
 // τ = -f tanh(v / width)
@@ -72,6 +74,9 @@ public:
   double stored(const Data &, const Vec &q) const override {
     const double beyond = nearest(target_(0.0) - joint_.value(q), period_);
     return 0.5 * stiffness_ * beyond * beyond;
+  }
+  double *number(const std::string &name) override {
+    return name == "stiffness" ? &stiffness_ : name == "damping" ? &damping_ : nullptr;
   }
 
 private:
@@ -263,6 +268,9 @@ public:
     return 0.5 * stiffness_ * longer * longer;
   }
   bool on_bodies() const override { return true; }
+  double *number(const std::string &name) override {
+    return name == "stiffness" ? &stiffness_ : name == "damping" ? &damping_ : name == "length" ? &length_ : nullptr;
+  }
 
 private:
   // Fills length, direction, columns of the relative velocity; returns the tension.

@@ -109,14 +109,15 @@ NB_MODULE(_engine, m) {
            [](Branch *at, const JointNumbers &joint, int parent, const Pose &placement, double mass, const Vector3d &centre,
               const Matrix3d &inertia) { new (at) Branch{joint, parent, placement, mass, centre, inertia}; },
            "joint"_a, "parent"_a, "placement"_a, "mass"_a, "centre"_a, "inertia"_a);
-  nb::class_<Model>(m, "Tree").def(
-      "__init__",
-      [](Model *at, const std::vector<Branch *> &branches, const Vec &armature, const Vector3d &gravity) {
-        std::vector<Branch> all;
-        for (const auto *each : branches) all.push_back(*each);
-        new (at) Model(all, armature, gravity);
-      },
-      "branches"_a, "armature"_a, "gravity"_a);
+  nb::class_<Model>(m, "Tree")
+      .def("__init__",
+           [](Model *at, const std::vector<Branch *> &branches, const Vec &armature, const Vector3d &gravity) {
+             std::vector<Branch> all;
+             for (const auto *each : branches) all.push_back(*each);
+             new (at) Model(all, armature, gravity);
+           },
+           "branches"_a, "armature"_a, "gravity"_a)
+      .def("set_body", &Model::set_body);
   nb::class_<Data>(m, "Workspace").def(nb::init<std::shared_ptr<const Model>>(), "tree"_a);
 
   nb::class_<System>(m, "System").def_ro("nc", &System::nc).def_prop_ro("calls_python", &System::calls_python);
@@ -138,6 +139,11 @@ NB_MODULE(_engine, m) {
              s.add_rows(std::make_unique<PythonRows>(closure, std::move(local), moving, step));
            })
       .def_prop_ro("G_transposed", [](const MechanismSystem &s) { return s.G_transposed(); }) // of the last evaluation
+      .def_prop_ro("number_of_rows", &MechanismSystem::number_of_rows)
+      .def_prop_ro("number_of_forces", &MechanismSystem::number_of_forces)
+      .def("place_rows", &MechanismSystem::place_rows)
+      .def("set_number", &MechanismSystem::set_number)
+      .def("renew_lanes", &MechanismSystem::renew_lanes)
       .def("add_constant", &MechanismSystem::add_constant)
       .def("add_damping", &MechanismSystem::add_damping)
       .def("add_friction", adds<SmoothFriction, Vec, double>())

@@ -29,6 +29,8 @@ struct Rows {
   virtual void add_friction(const Vec &, int, Mat &) const {}
   virtual void add_turning(const Vec &, double, Mat &) const {}
   virtual void step_ended(const Vec &) {}
+  // Moves the point of body 1 or 2 between which the rows are, in the axes of its joint; false if there is none.
+  virtual bool place(int, const Vector3d &) { return false; }
 };
 
 
@@ -82,6 +84,10 @@ protected:
   BetweenAnchors(const Model &model, int joint1, const SE3 &place1, int joint2, const SE3 &place2)
       : joint1_(joint1), joint2_(joint2), place1_(place1), place2_(place2), columns_(columns_between(model, joint1, joint2)) {}
 
+  bool place(int body, const Vector3d &x) override {
+    (body == 1 ? place1_ : place2_).translation() = x;
+    return true;
+  }
   std::vector<std::pair<int, double>> signed_columns() const {
     std::vector<std::pair<int, double>> all;
     for (const auto &column : columns_) all.emplace_back(column.index, column.sign);

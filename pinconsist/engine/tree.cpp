@@ -167,6 +167,16 @@ Model::Model(const std::vector<Branch> &all, const Vec &armatures, const Vector3
   inertias = theirs.inertias;
 }
 
+void Model::set_body(int joint, double mass, const Vector3d &centre, const Matrix3d &inertia) {
+  Branch &branch = branches.at(joint - 1);
+  branch.mass = mass;
+  branch.centre = centre;
+  branch.inertia = inertia;
+  auto body = pinocchio::Inertia::Zero(); // the same numbers as by `appendBodyToJoint`
+  body += pinocchio::Inertia(mass, centre, inertia);
+  inertias[joint] = inside->model.inertias[joint] = body;
+}
+
 Data::Data(std::shared_ptr<const Model> its_model)
     : model(std::move(its_model)), inside(new Inside{data_for(model->inside->model)}),
       oMi(inside->data->oMi), liMi(inside->data->liMi), v(inside->data->v), a(inside->data->a),

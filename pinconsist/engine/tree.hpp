@@ -41,6 +41,8 @@ struct SimpleJoint {
 // A tree of bodies, the ground first; branches follow their parents. Names are those of Pinocchio's Model.
 struct Model {
   Model(const std::vector<Branch> &branches, const Vec &armature, const Eigen::Vector3d &gravity);
+  // Gives the body at a joint other inertial parameters, those of a branch.
+  void set_body(int joint, double mass, const Eigen::Vector3d &centre, const Eigen::Matrix3d &inertia);
 
   int njoints, nq, nv;
   std::vector<int> parents, nqs, nvs, idx_qs, idx_vs;
@@ -52,7 +54,7 @@ struct Model {
   std::vector<Branch> branches;
 
   struct Inside;
-  std::shared_ptr<const Inside> inside;
+  std::shared_ptr<Inside> inside;
 };
 
 // The workspace of Pinocchio's algorithms on a tree, for one thread at a time. Names are those of Pinocchio's Data.

@@ -27,7 +27,7 @@ _workspaces: dict = {}
 def workspace(module, model, data=None):
     """The compiled workspace that belongs to Pinocchio's `data`, a new one without; trees are built once per model."""
     if data is None:
-        return module.Workspace(_kept(_trees, model, lambda: _built(module, model)))
+        return module.Workspace(_kept(_trees, model, lambda: tree(module, model)))
     return _kept(_workspaces, data, lambda: workspace(module, model))
 
 
@@ -39,7 +39,8 @@ def _kept(kept: dict, key, build):
     return kept[number][0]
 
 
-def _built(module, model):
+def tree(module, model):
+    """A new compiled tree of a model."""
     branches = []
     for i in range(1, model.njoints):
         inertia = model.inertias[i]

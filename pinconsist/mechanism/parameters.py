@@ -66,6 +66,7 @@ class Parameter:
     value: Any
     put: Callable
     part: Callable | None = None
+    place: tuple = ()
 
 
 def with_parameters(mechanism, values: Mapping[str, float]):
@@ -106,7 +107,7 @@ def parameter(mechanism, name: str) -> Parameter:
     for label, (place, i, record) in records_of(mechanism).items():
         if path.startswith(f"{label}."):
             number = re.sub(r"\[(\w+)\]", r".\1", path[len(label) + 1 :])  # xyz2[0] as xyz2.0
-            return _number_of(name, place, i, record, path_of(record, label, number))
+            return _number_of(name, label, place, i, record, path_of(record, label, number))
     raise unknown(mechanism, name)
 
 
@@ -194,7 +195,8 @@ def _of_body(mechanism, name, kind, whose) -> Parameter:
         about = inertia + mass * (lever @ lever * np.eye(3) - np.outer(lever, lever))  # the joint
         return "inertia", joint, np.array([mass, *(mass * lever), *(about[i] for i in OF_INERTIA.values())])
 
-    return Parameter(name, float(parts(model)[kind][indices[index][0]]), put, part)
+    value = float(parts(model)[kind][indices[index][0]])
+    return Parameter(name, value, put, part, ("body", joint, kind, indices[index]))
 
 
 def _of_record(mechanism, name, kind, whose) -> Parameter | None:
@@ -203,11 +205,11 @@ def _of_record(mechanism, name, kind, whose) -> Parameter | None:
         of_joints = kind in OF_JOINTS and isinstance(record, OF_JOINTS[kind])
         if of_joints and _is_number(part_at(record, ("coefficients", whose))):
             part = lambda value, record=record: ("force", replace(record, coefficients={whose: value}))  # noqa: E731
-            return replace(_number_of(name, place, i, record, ("coefficients", whose)), part=part)
+            return replace(_number_of(name, label, place, i, record, ("coefficients", whose)), part=part)
         named = whose in (label, label.partition(" ")[2], getattr(record, "joint", label))
         undamped = kind in OF_JOINTS and whose in mechanism.joints and not part_at(record, (kind,))
         if named and not undamped and _is_number(part_at(record, (kind,))):
-            return _number_of(name, place, i, record, (kind,))
+            return _number_of(name, label, place, i, record, (kind,))
     return None
 
 
@@ -225,7 +227,7 @@ def _of_tree(mechanism, name, kind, whose) -> Parameter:
             return other
 
         part = lambda value: ("force", OF_JOINTS[kind]({whose: value}))  # noqa: E731
-        return Parameter(name, float(getattr(model, kind)[columns][0]), put_coefficient, part)
+        return Parameter(name, float(getattr(model, kind)[columns][0]), put_coefficient, part, ("joint", kind, columns))
     if kind != "length" or not (whose in mechanism.joints or model.existFrame(whose)):
         raise unknown(mechanism, name)
     of_joint = whose in mechanism.joints
@@ -264,7 +266,7 @@ def _lengths_of_body(mechanism, joint) -> str:
     return f"; the lengths of the body that it carries are {', '.join(found)}" if found else ""
 
 
-def _number_of(name, place, i, record, path) -> Parameter:
+def _number_of(name, label, place, i, record, path) -> Parameter:
     """The number at a path in the record with index `i` among a mechanism's loops or forces."""
 
     def put(mechanism, value):
@@ -286,7 +288,7 @@ def _number_of(name, place, i, record, path) -> Parameter:
         pass
     elif place == "forces" and isinstance(record, ForceRecord):
         part = lambda value: ("force", with_number(record, path, value))  # noqa: E731
-    return Parameter(name, float(part_at(record, path)), put, part)
+    return Parameter(name, float(part_at(record, path)), put, part, (place, label, path))
 
 
 def records_of(mechanism) -> dict:

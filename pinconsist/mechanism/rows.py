@@ -193,13 +193,22 @@ class KeptRows:
         rows = [[A.dot(part) for part in _calculated(self.model, data, *each)] for *each, A in pinocchios]
         return rows[0] if len(rows) == 1 else [one + other for one, other in zip(*rows, strict=True)]
 
-    def hand_over(self, compiled) -> None:
-        """Add these rows to the compiled system, which calls Python for kinds that it does not support."""
+    def hand_over(self, compiled) -> dict[str, list]:
+        """Add these rows to the compiled system, which calls Python for kinds that it does not support.
+
+        Returns, for each loop between anchors, the number of each of its parts there, and the distance of its point
+        from anchor 2, in the axes of the joint.
+        """
+        found = {}
         for closure, local, parts in self._closures:
+            if isinstance(closure, AnchoredRows):
+                points = [ends[3][:3, 3] - closure.place2.translation for *_, ends in parts] or [np.zeros(3)]
+                found[closure.loop.name] = [(compiled.number_of_rows + i, point) for i, point in enumerate(points)]
             for i, (_, matrix, ends) in enumerate(parts):
                 compiled.add_anchored(*ends, matrix, i == 0)
             if not (parts or closure.hand_over(compiled)):
                 compiled.add_python_rows(RowsInPython(closure, self), local, closure.moving, closure.difference_step)
+        return found
 
     @cached_property
     def data(self) -> pin.Data:

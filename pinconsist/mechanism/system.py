@@ -219,10 +219,21 @@ class MechanismSystem(Index3System):
         self.kept_rows.hand_over(compiled)
         self.hand_over_forces(compiled)
 
-    def hand_over_forces(self, compiled) -> None:
-        for force in self.forces.values():
+    def hand_over_forces(self, compiled) -> dict[str, int]:
+        """Add the forces to a compiled system; returns the number there of each that is one force, by its label."""
+        found = {}
+        for label, force in self.forces.items():
+            before = compiled.number_of_forces
             if not (hasattr(force, "hand_over") and force.hand_over(compiled)):
                 compiled.add_python_force(force)
+            if compiled.number_of_forces == before + 1:
+                found[label] = before
+        return found
+
+    def take_held(self, other: "MechanismSystem") -> None:
+        """Take over the held torques and commands of another system of the same mechanism, as objects."""
+        held = {label: force for label, force in other.forces.items() if isinstance(force, BoundHeld)}
+        self._take(self.forces | held, self.breakpoints)
 
     def all_rows(self) -> KeptRows:
         """All rows of the loops, including dropped ones."""

@@ -18,9 +18,9 @@ from .dense import StepBatch, Tables
 from .stage_curve import StageCurve
 
 
-def stepper_for(system, method) -> "Stepper":
-    """The stepper of a method."""
-    return (BdfStepper if method.stages is None else RadauStepper)(system, method)
+def stepper_for(system, method, compiled=None) -> "Stepper":
+    """The stepper of a method; of a system in C++, if it is there already."""
+    return (BdfStepper if method.stages is None else RadauStepper)(system, method, compiled)
 
 
 class Stepper(ABC):
@@ -53,13 +53,13 @@ class Stepper(ABC):
     _core: Any = None  # the run in C++
     _compiled: Any = None  # its equations
 
-    def __init__(self, system, method):
+    def __init__(self, system, method, compiled=None):
         self.method = method
         self.control = method.control
         self.control.fit(system)
         self.newton = SimpleNamespace(nfev=0, njev=0, nlu=0)
         self.unseen: list[tuple] = []
-        self._twins: dict = {}  # modes of contacts → their compiled equations
+        self._twins: dict = {} if compiled is None else {system: compiled}  # modes of contacts → compiled equations
         self.change_system(system)
 
     t = property(lambda self: self._core.t)
@@ -90,6 +90,12 @@ class Stepper(ABC):
             sizes = np.zeros(system.nx + system.nv) if before is None else before.sizes
             rtol, atol = self.control.wanted
             self._control(rtol, atol, sizes)
+
+    def stand_for(self, system) -> None:
+        """Let `system` be that of the run, whose compiled equations have been changed to have its numbers."""
+        self.system = system
+        self._twins = {system: self._compiled}
+        self.index1 = Index1(system, self._compiled)
 
     def forget(self) -> None:
         """Forget the run: the next :meth:`begin` is that of a new one, of the same system."""

@@ -12,17 +12,18 @@ import numpy as np
 import pinocchio as pin
 
 from ..engine.rounding import shortest_step
-from ..errors import InputError, PinconsistError
+from ..errors import AssemblyError, InputError, PinconsistError, SingularSystemError
 from ..mechanism.assembly import assembled
 from ..mechanism.checks import finite_array, near, number
 from ..mechanism.closing import LoopSolver
 from ..mechanism.forces.actuators import BoundHeldActuator, programmed
-from ..mechanism.mechanism import with_added_forces
+from ..mechanism.mechanism import Mechanism, with_added_forces
 from ..mechanism.rank import require_nonsingular
 from ..mechanism.system import MechanismSystem
 from .discrete import Discrete, StepLinearization
 from .events import EventWatch, as_events
 from .integrate import March, Resumption, Start, march, modes_of, start_in_modes, trajectory_of
+from .numbers import Numbers
 from .options import Options, positive_time, without_backend
 from .output import STOPPED, SUCCESS, Output, Record, Stop
 from .propagator import Step
@@ -76,11 +77,6 @@ class Simulation:
     step, order, rtol, atol, forces, events, max_step, backend
         As in :func:`simulate`; ``events`` that are terminal end the run.
 
-    Attributes
-    ----------
-    mechanism : Mechanism
-        The mechanism with an additional force ``"control"``, the torques given to :meth:`step`.
-
     Raises
     ------
     InputError, AssemblyError, SingularSystemError
@@ -93,11 +89,19 @@ class Simulation:
     ):  # fmt: skip
         without_backend(backend)
         mech = with_added_forces(mech, forces, "Simulation")
-        self.mechanism, self._events = programmed(mech), as_events(events, mech)
+        self._mechanism, self._events = programmed(mech), as_events(events, mech)
+        self._values: dict = {}  # parameters that were changed since
         self._step, self._columns = step, {}
         self._options = Options(method, step, order, rtol, atol, max_step=max_step)
         self._free, self._quick, self._discrete = Lock(), False, None
         self.reset(q0, v0, t0)
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The mechanism with an additional force ``"control"``, and with the values of :meth:`set_parameters`."""
+        if self._values:
+            self._mechanism, self._values = self._mechanism.with_parameters(self._values), {}
+        return self._mechanism
 
     @_alone
     def reset(self, q0=None, v0=None, t0=0.0) -> State:
@@ -132,18 +136,24 @@ class Simulation:
         q, v = q.copy(), v.copy()
         for each in q, v:
             each.setflags(write=False)
+        self._begins_anew(t, q, v)
+        return True
+
+    def _begins_anew(self, t, q, v) -> None:
+        """A new run of the same stepper, without events to be watched, and with nothing held."""
+        system = self._stepper.system
         for held in system.held_forces:
             held.forget()
         self._stepper.forget()
         self._begins(system, t, q, v)
-        return True
 
     @_alone
     def copy(self) -> Simulation:
         """A new run from the state and torques of this one, without its history; laws are shared."""
+        self._renew()
         other, (t, q, v) = object.__new__(type(self)), self.state
         vars(other).update(vars(self))
-        other._free, other._discrete = Lock(), None
+        other._free, other._discrete, other._values = Lock(), None, {}
         other._stand(MechanismSystem(self.mechanism, q, t), t, q, v, self._stepper.system)
         other._hold(t, self._commands)
         other._hold(t, self._torque)
@@ -163,6 +173,10 @@ class Simulation:
         contacts = self.mechanism.contacts
         self._method = self._options.for_span((t, t + 1.0), 0 if contacts else system.nv - system.nc)
         self._stepper = stepper_for(system, self._method)
+        self._numbers: Numbers | None = None
+        self._renewed = True  # whether the system has the numbers of its compiled equations
+        modes = modes_of(system, self._method, (t, t + 1.0))
+        self._watch = EventWatch(self._events, self._stepper, bool, modes)
         self._begins(system, t, q, v, like)
         self._changing = system if len(system.changing) > 1 + len(self._actuators) else None  # besides by `control`
         plain = not self._events and not contacts and self._step is None and system.dropped_are_zero
@@ -171,8 +185,6 @@ class Simulation:
     def _begins(self, system, t, q, v, like=None):
         """A run of the stepper that will begin at a state."""
         self._record = Record(Output(events=self._events), (t, t + 1.0), self._stepper.full_multipliers, bool)
-        modes = modes_of(system, self._method, (t, t + 1.0))
-        self._watch = EventWatch(self._events, self._stepper, bool, modes)
         self._control, self._torque, self._commands = system.held_forces[-1], np.zeros(system.nv), {}
         self._actuators = {each.name: each for each in system.held_forces if isinstance(each, BoundHeldActuator)}
         self._place, self._resumes, self._jumped, self._message = (t, q, v), False, False, ""
@@ -187,17 +199,58 @@ class Simulation:
         have changed, the loops are closed from the state. Raises InputError for unknown names and values that are not
         possible, AssemblyError if the loops cannot be closed.
         """
-        mechanism, (t, q, v) = self.mechanism.with_parameters(values), self.state
-        solver, before = LoopSolver(mechanism, t), self._stepper.system
-        assembly = assembled(solver, q, v)
-        system = MechanismSystem(mechanism, assembly.q, t, solver)
-        require_nonsingular(system, assembly.q)
         torque, commands = self._torque, self._commands
-        self.mechanism, self._discrete = mechanism, None
-        self._stand(system, t, assembly.q, assembly.v, before)
-        self._hold(t, commands)
-        self._hold(t, torque)
+        if not self._changes_in_place(values):
+            mechanism, (t, q, v) = self.mechanism.with_parameters(values), self.state
+            solver, before = LoopSolver(mechanism, t), self._stepper.system
+            assembly = assembled(solver, q, v)
+            system = MechanismSystem(mechanism, assembly.q, t, solver)
+            require_nonsingular(system, assembly.q)
+            self._mechanism, self._discrete = mechanism, None
+            self._stand(system, t, assembly.q, assembly.v, before)
+        t = self._place[0]
+        if commands:
+            self._hold(t, commands)
+        if torque.any():
+            self._hold(t, torque)
         return self.state
+
+    def _changes_in_place(self, values) -> bool:
+        """Change parameters in the compiled equations and begin a new run; False where that is not possible."""
+        if not self._quick or self._changing is not None or not isinstance(values, Mapping):
+            return False
+        if self._numbers is None:
+            system = self._stepper.system
+            self._numbers = Numbers(self.mechanism, system)
+            self._stepper = stepper_for(system, self._method, self._numbers.compiled)
+        changes = self._numbers.changes(values)
+        if changes is None:
+            return False
+        before = [(change, change.value) for change, _ in changes]
+        t, q, v = self._place
+        self._numbers.put(changes)
+        if any(change.opens for change, _ in changes):
+            try:
+                q, v = self._stepper.index1.projected(t, q, v)
+            except (AssemblyError, SingularSystemError):  # too far from here
+                self._numbers.undo(before)
+                return False
+            for each in q, v:
+                each.setflags(write=False)
+        self._values.update(values)
+        self._renewed = False
+        self._begins_anew(t, q, v)
+        return True
+
+    def _renew(self) -> None:
+        """Make a system that has the numbers which were changed in place."""
+        if self._renewed:
+            return
+        before = self._stepper.system
+        system = MechanismSystem(self.mechanism, self._place[1], before.chosen_at, kept=before.kept)
+        system.take_held(before)
+        self._stepper.stand_for(system)
+        self._renewed, self._discrete = True, None
 
     @_alone
     def step(self, dt, control=None) -> State:
@@ -298,6 +351,7 @@ class Simulation:
         if self._method.name != "Radau":
             raise InputError(f"steps of Radau are linearised, not of {self._method.name}: choose method='Radau'")
         self._up_to_date()
+        self._renew()
         rows, orders = self._record.since(self._before[0])
         if not all(orders):
             raise InputError("an event, or a force that jumps, acted in the last step: make shorter steps around it")
@@ -406,6 +460,7 @@ class Simulation:
     def solution(self) -> Solution:
         """A :class:`Solution` of all steps since the start: for checks, pages and files. The run can be continued."""
         self._up_to_date()
+        self._renew()
         t, message = self._place[0], self._message or f"{self._record.nsteps} steps"
         span = self._record.span[0], t
         status = STOPPED if self._message else SUCCESS

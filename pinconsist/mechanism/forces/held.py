@@ -72,9 +72,8 @@ class BoundHeld(BoundForce):
             self._table.hold(t, torque)
 
     def forget(self) -> None:
-        """Forget all entries: a program gives new ones."""
+        """Forget all entries before the next start: a program gives new ones."""
         self._keys, self._torques, self.entered = [], [], 0
-        self._fill()
 
     def start(self, t, backwards) -> None:
         """Start a run at `t`: the entries up to this time are in effect."""
