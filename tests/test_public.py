@@ -87,6 +87,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
         "with_armature": "armature",
         "with_parameters": "values",
         "lock": "joints q",
+        "lock_spins": "q0",
         "reduced": "q0",
         "reanchored": "q0",
         "corrected": "precision",

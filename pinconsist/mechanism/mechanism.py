@@ -24,6 +24,7 @@ from .loops import Loop
 from .names import filled
 from .parameters import with_parameters
 from .rows import RECORDS, LoopRows
+from .spins import lock_spins
 
 
 @dataclass(frozen=True)
@@ -282,6 +283,20 @@ class Mechanism:
         coupled joints.
         """
         return lock(self, joints, q)
+
+    def lock_spins(self, q0=None) -> Mechanism:
+        """The same mechanism without the spins of rods about their own axes: faster, and nothing else changes.
+
+        A rod of a loop whose last joint turns it about its own axis is found if this moves no loop: the other end is a
+        point on the axis, or the rod is made of two halves that a loop of the kind ``frame`` joins, which becomes a
+        hinge. The rod must be round, without motors, forces, damping or armature of its own; otherwise its spin has
+        effects, and it stays. Without its inertia about the axis a locked rod moves the others exactly as one that does
+        not spin. The locked joints are logged; without any, the mechanism itself is returned.
+
+        `q0` is the configuration from which assembly starts, as for :func:`~pinconsist.assemble`; the new guess is the
+        assembled one. Raises AssemblyError if the loops do not close.
+        """
+        return lock_spins(self, q0)
 
     def reduced(self, q0=None) -> Mechanism:
         """A mechanism with the same motion but fewer joints and rows, faster and easier to read.
