@@ -108,6 +108,7 @@ class Solution(ByName):
     system: Any = field(default=None, repr=False, compare=False)
     _events: tuple = field(default=(), repr=False, compare=False)
     _changes: tuple = field(default=(), repr=False, compare=False)
+    _run: "Solution | None" = field(default=None, repr=False, compare=False)  # whose states these are, at other times
     certificate: Certificate | None = field(default=None, init=False, repr=False, compare=False)
 
     @classmethod
@@ -238,7 +239,7 @@ class Solution(ByName):
         columns = dict(zip(("q", "v", "lam"), states_at(self, times, scene), strict=True), t=times.copy())
         for column in columns.values():
             column.setflags(write=False)
-        found = replace(self, **columns, h=np.zeros(0), order=np.zeros(0, int))
+        found = replace(self, **columns, h=np.zeros(0), order=np.zeros(0, int), _run=self._run or self)
         object.__setattr__(found, "certificate", self.certificate)
         return found
 

@@ -20,9 +20,10 @@ APART = 0.1  # of the way of a step: if its repetition ends farther from its end
 def states_at(solution, times, mechanism=None):
     """(q, v, λ) of a solution at times of shape (n,), in any order, from its first to its last one.
 
-    At the time of a row they are that row, the later of two. Between rows, the continuous solution is evaluated if the
-    run has it; else steps of BDF are interpolated, and longer ones repeated, see :class:`Steps`. Then the loops are
-    closed, velocities projected onto them, and multipliers computed from the equations of motion.
+    At the time of a row they are that row, the later of two. Between rows, a solution that was made by ``at()`` asks
+    the run from which it comes. Else the continuous solution is evaluated if there is one, or steps of BDF are
+    interpolated, and longer ones repeated, see :class:`Steps`; then the loops are closed, velocities projected onto
+    them, and multipliers computed from the equations of motion.
     """
     times = _checked(solution, times)
     sign = 1.0 if solution.t[-1] >= solution.t[0] else -1.0
@@ -31,6 +32,10 @@ def states_at(solution, times, mechanism=None):
     between = np.flatnonzero(solution.t[rows] != times)
     between = between[np.argsort(sign * times[between], kind="stable")]
     if not len(between):
+        return q, v, lam
+    if solution._run is not None:
+        for part, of_run in zip((q, v, lam), states_at(solution._run, times[between], mechanism), strict=True):
+            part[between] = of_run
         return q, v, lam
     equations = equations_of(mechanism, solution) if mechanism is not None else Index1(solution.system)
     for k, *near in zip(between, *_near(solution, times[between], rows[between], mechanism), strict=True):

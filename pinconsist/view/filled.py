@@ -43,7 +43,7 @@ def filled(sol, scene=None, rows=None):
 def only(sol, rows):
     """A solution with some of its rows."""
     columns = {name: getattr(sol, name)[rows] for name in ("t", "q", "v", "lam")}
-    return replace(sol, **columns, h=np.zeros(0), order=np.zeros(0, int))
+    return replace(sol, **columns, h=np.zeros(0), order=np.zeros(0, int), _run=sol._run or sol)
 
 
 def _filled(sol, scene, found):
