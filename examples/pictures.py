@@ -216,6 +216,15 @@ def identification(axes, mech, fit):
     return "crank angle by one standard deviation of a parameter  [mrad]"
 
 
+def calibration(axes, mech, fit):
+    found, deviations = fit[:2]
+    names = range(1, 1 + len(found.x))
+    axes.bar(names, 1e3 * deviations, color=BLUE)
+    axes.set_xlabel("parameter")
+    axes.set_yscale("log")
+    return "standard deviations of the parameters, times 1000"
+
+
 def spring_size(axes, mech, found):
     times, before, now, _ = found
     axes.plot(times, before, color=ORANGE, label="spring of the guess")
@@ -273,6 +282,8 @@ FIGURES = {  # curve, time of the still or None, traces in it
     "23_gymnasium": (episode, None, ()),
     "24_fmu": (unit, None, ()),
     "25_ilqr": (ilqr, None, ()),
+    "26_kinematic_calibration": (calibration, None, ()),
+    "27_held_identification": (calibration, None, ()),
 }
 
 

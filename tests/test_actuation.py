@@ -14,6 +14,7 @@ from helpers import actuated
 import pinconsist as pc
 from pinconsist.mechanism.lie import difference
 from pinconsist.mechanism.names import velocity_names
+from pinconsist.mechanism.parameters import parameter
 from pinconsist.mechanism.system import MechanismSystem
 from pinconsist.paper.index1 import acceleration
 
@@ -457,3 +458,34 @@ def test_held_joints_stay_where_they_are(seed):
         np.testing.assert_array_equal(twin.closure(goal)[0], q)
     if ok:
         np.testing.assert_allclose(act.closure(twins[0].positions(start))[0], start, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["delta_robot", "five_bar", "stewart_platform"])
+def test_derivatives_of_the_closure_by_parameters(name):
+    """Against differences of closures of other mechanisms, with the same positions of the motors."""
+    mech = pc.load(name)
+    act, loop = pc.Actuation(mech), mech.loops[0]
+    names = [f"anchor:{loop.name}.xyz1[0]", f"{loop.name}.xyz2[2]"]
+    goals = act.positions() + np.linspace(-0.05, 0.06, 3 * len(act.motors)).reshape(3, -1)
+    q, ok = act.closure(goals)
+    assert ok.all()
+    found = act.derivatives(names, q)
+    assert found.shape == (3, mech.nv, 2)
+    np.testing.assert_array_equal(act.derivatives(names, q[1]), found[1])
+    for i, each in enumerate(names):
+        value, step, sides = parameter(mech, each).value, 1e-4, []
+        for m in (1, -1, 2, -2):
+            other = pc.Actuation(mech.with_parameters({each: value + m * step})).closure(goals)[0]
+            sides.append([difference(mech.model, *pair) for pair in zip(q, other, strict=True)])
+        plus, minus, far, back = map(np.array, sides)
+        exact = (8.0 * (plus - minus) - (far - back)) / (12.0 * step)
+        np.testing.assert_allclose(found[:, :, i], exact, rtol=0, atol=1e-6 * (1.0 + np.abs(exact).max()))
+
+
+def test_lengths_of_redundant_loops_have_no_derivatives_of_the_closure():
+    mech = pc.load("bricard")
+    act = pc.Actuation(mech, motors=[mech.joints[0]])
+    with pytest.raises(pc.InputError, match="cannot vary alone"):
+        act.derivatives(["anchor:hinge5.xyz2[0]"])
+    with pytest.raises(pc.InputError, match="no number"):
+        act.derivatives(["anchor:hinge5.xyz7[0]"])

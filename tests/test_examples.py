@@ -5,12 +5,13 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from helpers import zoo
 from helpers.bodies import circles_meet
 from helpers.extras import skips_missing_extras
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq, minimize
+from scipy.optimize import brentq, least_squares, minimize
 from scipy.special import ellipj
 
 import pinconsist as pc
@@ -236,6 +237,54 @@ def top_of_the_four_bar():
     return brentq(work, 4.6, 5.0, xtol=1e-12)
 
 
+def spheres():
+    """The same calibration with the closure by scipy: six rods of fixed length between balls, poses by Pinocchio."""
+    example = module("26_kinematic_calibration")
+    model, platform = example.MECH.model, [example.MECH.columns(f"platform_{each}").start for each in
+                                           ("x", "y", "z", "yaw", "pitch", "roll")]  # fmt: skip
+    data, rods = model.createData(), list(example.LOOPS)
+    arms = [example.MECH.columns(f"leg{i}_arm").start for i in (1, 2, 3)]
+    swings = [model.getJointId(f"{rod}_swing") for rod in rods]
+    pin.framesForwardKinematics(model, data, pin.neutral(model))
+    tips = [data.oMi[swing].actInv(data.oMf[model.getFrameId(f"{rod}_tip")].translation)
+            for swing, rod in zip(swings, rods, strict=True)]  # fmt: skip
+    guess = example.closed(example.DRAWN)[1]
+
+    def gaps(pose, q, tip, anchors, centres):
+        q[platform] = pose
+        pin.framesForwardKinematics(model, data, q)
+        there = data.oMf[model.getFrameId("platform")]
+        rods = zip(anchors, centres, tip, strict=True)
+        return [np.linalg.norm(there.act(a) - centre) - np.linalg.norm(end) for a, centre, end in rods]
+
+    def positions(x):
+        ends = {rod: {"xyz1": np.zeros(3), "xyz2": np.array(example.LOOPS[rod].xyz2)} for rod in rods}
+        for value, (rod, end, axis) in zip(x, example.ANCHORS, strict=True):
+            ends[rod][end][axis] = value
+        tip = [each + ends[rod]["xyz1"] for each, rod in zip(tips, rods, strict=True)]
+        anchors, found = [ends[rod]["xyz2"] for rod in rods], []
+        for start, motors in zip(guess, example.MOTORS, strict=True):
+            q = start.copy()
+            q[arms] = motors
+            pin.framesForwardKinematics(model, data, q)
+            centres = [data.oMi[swing].translation.copy() for swing in swings]
+            pose = q[platform]
+            for _ in range(6):  # Newton's method with differences
+                at = np.array(gaps(pose, q, tip, anchors, centres))
+                beside = [gaps(pose + unit, q, tip, anchors, centres) for unit in 1e-7 * np.eye(6)]
+                pose = pose - np.linalg.solve((np.array(beside) - at).T / 1e-7, at)
+            found.append(pose[:3])
+        return np.array(found)
+
+    exact = example.closed(example.BUILT)[1][:, example.PLATFORM]
+    np.testing.assert_allclose(positions(example.BUILT), exact, rtol=0, atol=1e-10)
+    measured = exact + example.NOISE * example.RNG.normal(size=exact.shape)
+    fit = least_squares(lambda x: (positions(x) - measured).ravel() / example.NOISE, example.DRAWN, diff_step=1e-4,
+                        x_scale=1e-3, max_nfev=4)  # fmt: skip
+    deviations = np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)))
+    return np.abs((fit.x - example.BUILT) / deviations).max()
+
+
 ANSWERS = {  # number or how it is found, relative tolerance: that of the run
     "01_exact_and_consistent": (8.0120e-3, 5e-5),  # Arévalo (2008), table 5.1, five digits
     "02_four_bar": (four_bar, 1e-7),
@@ -262,6 +311,8 @@ ANSWERS = {  # number or how it is found, relative tolerance: that of the run
     "23_gymnasium": (sum_of_rewards, 1e-6),
     "24_fmu": (sum(5.0 * i / 200 for i in range(200)) * 1e-3 / (5 / 3), 1e-9),  # held torques; (1/3 + 1/3 + 1) L² a''
     "25_ilqr": (-np.pi, 1e-3),  # upright: the goal itself
+    "26_kinematic_calibration": (spheres, 1e-2),
+    "27_held_identification": (0.37, 1e-2),  # the true mass, three standard deviations
 }
 LONGER = {"25_ilqr": 80}  # lines
 

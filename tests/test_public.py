@@ -25,6 +25,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
         "condition": "q",
         "jacobian": "q",
         "jacobian_rate": "q v",
+        "derivatives": "parameters q",
         "velocity": "q v",
         "acceleration": "q v a",
         "limits": "q",

@@ -8,10 +8,13 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import SingularSystemError
+from ..mechanism.closing import check_closing
 from ..mechanism.rank import MASSLESS, without_inertia
+from .coordinates import all_rows_of
 from .motor_code import to_c
 from .motor_forces import MotorFrame, MotorRange, MotorTorques, ranges, table, torques_for
 from .motors import Motors
+from .variations import Varied
 
 
 class Actuation(Motors):
@@ -70,6 +73,30 @@ class Actuation(Motors):
         `q` and `v` are as in :meth:`velocity`. Raises SingularSystemError as :meth:`jacobian` does.
         """
         return self.acceleration(q, v, np.zeros(len(self.motors)))
+
+    def derivatives(self, parameters, q=None) -> np.ndarray:
+        """How the configuration changes with parameters of the mechanism while the motors are held: for calibrations.
+
+        Parameters
+        ----------
+        parameters : sequence of str
+            Names, as in :meth:`Mechanism.with_parameters`: anchors, lengths.
+        q : array (nq,) or (n, nq), optional
+            Closed configurations, such as those of :meth:`closure`; default: the last one.
+
+        Returns
+        -------
+        ndarray, shape (nv, P) or (n, nv, P)
+            Tangent vectors, like velocities; the last index is the parameter.
+
+        Raises
+        ------
+        InputError
+            Unknown parameters; one that opens redundant loops; configurations that are not closed.
+        SingularSystemError
+            A singular position.
+        """
+        return of_parameters(self, parameters, q)
 
     def velocity(self, q, v) -> np.ndarray:
         """The velocities of all joints, shape (nv,), for those of the motors.
@@ -235,6 +262,26 @@ class Actuation(Motors):
         drift = np.zeros(len(v))
         drift[self._chosen.p] = -inverse @ bias
         return Reduced(self, Z, M, f - loads, v, drift)
+
+
+def of_parameters(act, parameters, q):
+    """See :meth:`Actuation.derivatives`."""
+    rows = [act._q(q)] if q is None or np.ndim(q) == 1 else [act._q(each) for each in np.asarray(q, float)]
+    varied, model = Varied(act.mechanism, parameters), act.mechanism.model
+
+    def gaps(mechanism, _):
+        compiled = all_rows_of(mechanism)
+        return np.array([compiled.rows(each)[0] for each in rows])
+
+    rates = np.array([varied.rate(i, gaps) for i in range(len(varied.names))])  # (P, n, nc)
+    found, compiled = np.zeros((len(rows), model.nv, len(rates))), all_rows_of(act.mechanism)
+    for each, rate, change in zip(rows, rates.transpose(1, 2, 0), found, strict=True):
+        _, inverse = act._basis(each)
+        change[act._chosen.p] = -inverse @ rate[act._chosen.system.kept]
+        left = compiled.rows(each)[1] @ change + rate
+        for i, name in enumerate(varied.names):
+            check_closing(name, left[:, i], rate[:, i])
+    return found if np.ndim(q) == 2 else found[0]
 
 
 class Reduced:

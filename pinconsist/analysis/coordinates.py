@@ -13,8 +13,9 @@ import numpy as np
 from scipy.linalg import qr
 
 from ..engine import required
-from ..engine.systems import compiled_system
+from ..engine.systems import blank_system, compiled_system
 from ..mechanism.rank import HELD, free_motions, null_space
+from ..mechanism.rows import KeptRows, LoopRows
 from ..mechanism.system import MechanismSystem
 from .variations import step_sizes
 
@@ -97,3 +98,10 @@ class Coordinates:
         free = free_motions(self._solver.rows(q)[1], self._solver.loop_rows.turns)
         _, sizes, Vt = np.linalg.svd(free[self._motors if columns is None else columns])
         return np.append(sizes, np.zeros(len(Vt) - len(sizes))), free @ Vt.T
+
+
+def all_rows_of(mechanism):
+    """The compiled rows of all loops, without forces: ``rows(q)`` returns Φ and J, near closed configurations."""
+    rows, compiled = LoopRows.of(mechanism), blank_system(mechanism.model)
+    KeptRows(mechanism.model, rows, np.arange(rows.nc)).hand_over(compiled)
+    return compiled

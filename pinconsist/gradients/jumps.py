@@ -35,7 +35,8 @@ def refuse_jumps(solution, legs, base) -> None:
     for leg in legs:
         grid = _grid(leg)
         for label, force in base.index1(leg.system).system.forces.items():
-            if getattr(force, "smooth", False) or getattr(force, "by_time", False) or len(grid) < 2:
+            smooth = getattr(force, "smooth", False) or getattr(force, "by_time", False) or hasattr(force, "widths")
+            if smooth or len(grid) < 2:
                 continue
             largest = 0.0
             for part in _parts(grid, known):
@@ -80,8 +81,10 @@ def refuse_moving_jumps(variants, system, t, reached, t_end, q, v) -> None:
 
 
 def _refuse_moved(name, step, times, others) -> None:
+    near = np.sort(np.asarray(others, float))
     for t in times:
-        moved = min((abs(each - t) for each in others), default=np.inf)
+        after = np.searchsorted(near, t)
+        moved = np.abs(near[max(0, after - 1) : after + 1] - t).min(initial=np.inf)
         if moved > STAYS * abs(step) + 2.0 * jump_offset(t):
             raise InputError(
                 f"a force or a constraint jumps or bends at t = {t:.4g} s, and the parameter {name!r} moves this time: "
