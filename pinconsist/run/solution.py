@@ -108,7 +108,7 @@ class Solution(ByName):
     system: Any = field(default=None, repr=False, compare=False)
     _events: tuple = field(default=(), repr=False, compare=False)
     _changes: tuple = field(default=(), repr=False, compare=False)
-    _run: "Solution | None" = field(default=None, repr=False, compare=False)  # whose states these are, at other times
+    _run: Solution | None = field(default=None, repr=False, compare=False)  # whose states these are, at other times
     certificate: Certificate | None = field(default=None, init=False, repr=False, compare=False)
 
     @classmethod
