@@ -1,5 +1,6 @@
 """One four-bar written in every way that can be read: one trajectory."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -206,6 +207,9 @@ SPOKEN = {
 CLOSED_AT_ZERO = {
     "sdf",
     "webots",
+    "webots_proto",
+    "choreonoid",
+    "openhrp",
     "gazebo_joint",
     "closed_loop_plugin",
     "detachable_joint",
@@ -282,6 +286,75 @@ def webots(tmp_path):
     return pc.load(path)
 
 
+BAR_PROTO = """#VRML_SIM R2023b utf8
+PROTO Bar [
+  field SFVec3f translation 0 0 0
+  field SFRotation rotation 0 1 0 0
+  field SFString{"crank_bar", "coupler_bar", "rocker_bar"} name "crank_bar"
+  field MFNode{HingeJoint{}} children []
+  field SFFloat kilograms 1.0  # of the whole bar
+  field MFVec3f middle [ 0.5 0 0 ]
+  field MFVec3f moments [ 0 0 0 0 0 0 ]
+]
+{
+  Solid { translation IS translation rotation IS rotation name IS name children IS children
+    physics Physics { density -1 mass IS kilograms centerOfMass IS middle inertiaMatrix IS moments } }
+}
+"""
+
+
+def webots_proto(tmp_path):
+    """The bars are PROTO nodes, of a file beside the world's folder."""
+    webots(tmp_path)
+    (tmp_path / "worlds").mkdir()
+    (tmp_path / "protos").mkdir()
+    (tmp_path / "protos" / "Bar.proto").write_text(BAR_PROTO)
+    text = (tmp_path / "four_bar.wbt").read_text().replace("endPoint Solid {", "endPoint Bar {")
+    text = text.replace("physics Physics { density -1 mass", "kilograms").replace("centerOfMass", "middle")
+    text = re.sub(r"inertiaMatrix (\[[^]]*\]) \}", r"moments \1", text)
+    head, rest = text.split("\n", 1)
+    (tmp_path / "worlds" / "four_bar.wbt").write_text(f'{head}\nEXTERNPROTO "../protos/Bar.proto"\n{rest}')
+    return pc.load(tmp_path / "worlds" / "four_bar.wbt")
+
+
+def choreonoid(tmp_path):
+    """The links stand in their parents as they do where the loop is closed; an extra joint closes it."""
+    links = ["  - {name: base, jointType: fixed}"]
+    for (name, length, *_), own in zip(bars(), GUESS.tolist(), strict=True):
+        along, across = inertia(length, length)
+        parent, x = {"crank": ("base", 0.0), "coupler": ("crank", 1.0), "rocker": ("base", 2.2)}[name]
+        links.append(f"""  - {{name: {name}, parent: {parent}, jointType: revolute, jointAxis: Y, jointId: 1,
+      translation: [{x}, 0, 0], rotation: [0, 1, 0, {own!r}], mass: {length}, centerOfMass: [{length / 2}, 0, 0],
+      inertia: [{along!r}, 0, 0, 0, {across!r}, 0, 0, 0, {across!r}]}}""")
+    extra = """extraJoints:
+  - {link1Name: coupler, link2Name: rocker, jointType: hinge, jointAxis: [0, 1, 0], link1LocalPos: [2, 0, 0],
+     link2LocalPos: [1.5, 0, 0]}"""
+    path = tmp_path / "four_bar.body"
+    head = ["format: ChoreonoidBody", "angleUnit: radian", "name: four_bar", "links:"]
+    path.write_text("\n".join([*head, *links, extra]) + "\n")
+    return pc.load(path)
+
+
+def openhrp(tmp_path):
+    def bar(name, x, inside=""):
+        own, length = float(GUESS[list(LENGTHS).index(name)]), LENGTHS[name]
+        along, across = inertia(length, length)
+        return f"""DEF {name} Joint {{ jointType "rotate" jointAxis 0 1 0 jointId 0 translation {x} 0 0
+          rotation 0 1 0 {own!r} children [ DEF {name}_segment Segment {{ mass {length} centerOfMass {length / 2} 0 0
+          momentsOfInertia [ {along!r} 0 0 0 {across!r} 0 0 0 {across!r} ] }} {inside} ] }}"""
+
+    body = f"{bar('crank', 0.0, bar('coupler', 1.0))} {bar('rocker', 2.2)}"
+    text = f"""#VRML V2.0 utf8
+PROTO ExtraJoint [ exposedField SFString link1Name "" exposedField SFString jointType "xyz" ] {{ }}
+DEF four_bar Humanoid {{ humanoidBody [ DEF base Joint {{ jointType "fixed" children [ {body} ] }} ]
+  joints [ USE crank USE rocker ] }}
+DEF tip ExtraJoint {{ link1Name "coupler" link2Name "rocker" link1LocalPos 2 0 0 link2LocalPos 1.5 0 0
+  jointType "xyz" }}
+"""
+    (tmp_path / "four_bar.wrl").write_text(text)
+    return pc.load(tmp_path / "four_bar.wrl")
+
+
 def written(suffix):
     def way(tmp_path):
         if suffix == ".usda":
@@ -294,7 +367,7 @@ def written(suffix):
 SPOKEN |= {f"{suffix}_written": written(f".{ending}") for suffix, ending in
            (("sdf", "sdf"), ("mjcf", "xml"), ("usd", "usda"))}  # fmt: skip
 WAYS = {way.__name__: way for way in (loop_file, closing_frames, loop_joint, sdf, mjcf, pinocchio_model)}
-WAYS |= {way.__name__: way for way in (xacro, usd, webots)} | SPOKEN
+WAYS |= {way.__name__: way for way in (xacro, usd, webots, webots_proto, choreonoid, openhrp)} | SPOKEN
 
 
 @pytest.fixture(scope="module")

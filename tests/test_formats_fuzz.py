@@ -9,17 +9,20 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from helpers.fuzz_seeds import (
+    BODY,
     CLOSING_JOINTS,
     CLOSURES,
     LOOP_FILE,
     LOOP_LIST,
     MJCF,
     PLAIN_URDF,
+    PROTO,
     ROBOT_YAML,
     SDF,
     URDF,
     USD,
     WEBOTS,
+    WRL,
     XACRO,
 )
 from helpers.mutations import mutated_words, mutated_xml, mutated_yaml
@@ -80,13 +83,16 @@ def test_xacro(tmp_path, rng):
     outcome(path)
 
 
-@pytest.mark.parametrize("name", ["scene.usda", "scene.wbt"])
+WORDS = {"scene.usda": USD, "scene.wbt": WEBOTS, "scene.proto": PROTO, "scene.wrl": WRL, "scene.body": BODY}
+
+
+@pytest.mark.parametrize("name", WORDS)
 @fuzzed
 def test_words(tmp_path, name, rng):
     if name.endswith("usda"):
         pytest.importorskip("pxr.Usd")
     path = tmp_path / name
-    path.write_bytes(mutated_words(USD if name.endswith("usda") else WEBOTS, rng))
+    path.write_bytes((mutated_yaml if name.endswith("body") else mutated_words)(WORDS[name], rng))
     outcome(path)
 
 
@@ -113,6 +119,9 @@ def test_yaml(tmp_path, text, rng):
         ("scene.xacro", XACRO, None),
         ("scene.usda", USD, None),
         ("scene.wbt", WEBOTS, None),
+        ("scene.proto", PROTO, None),
+        ("scene.wrl", WRL, None),
+        ("scene.body", BODY, None),
         ("scene.urdf", PLAIN_URDF, LOOP_LIST),
         ("scene.urdf", PLAIN_URDF, CLOSURES),
         ("scene.urdf", PLAIN_URDF, CLOSING_JOINTS),

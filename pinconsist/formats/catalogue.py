@@ -19,6 +19,7 @@ from .loopfile import LoopFile, find_loop_file
 from .loopfile import read as read_loop_file
 
 READERS = {".urdf": "urdf", ".sdf": "sdf", ".world": "sdf", ".xml": "mjcf", ".mjcf": "mjcf", ".xacro": "xacro"}
+READERS |= {".body": "choreonoid", ".wrl": "choreonoid"}
 READERS |= dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), "usd") | {".wbt": "webots", ".proto": "webots"}
 """Suffix → the module whose ``read`` reads such files; imported when needed."""
 ROOTS = {"robot": "urdf", "sdf": "sdf", "gazebo": "sdf", "mujoco": "mjcf"}
@@ -29,6 +30,24 @@ _ROOT = re.compile(rb"(?s)<!--.*?-->|<\?.*?\?>|<!.*?>|<([A-Za-z_][\w.:-]*)([^>]*
 ROBOTS = ("cassie", "cassie_reduced", "cassie_simple", "cassie_v2", "cassie_wo_gearbox_spring")
 """Files of the pip package example-robot-data."""
 _PACKAGE, _SHARE = "example-robot-data", "cmeel.prefix/share"
+
+_OTHERS = {
+    ".html": "; a page is opened in a browser, and the run in it is kept by --out run.npz (sol.save)",
+    ".erb": "; this is a program that writes a file: run it, erb FILE > robot.sdf",
+    ".em": "; this is a program that writes a file: run it, empy FILE > robot.sdf",
+    ".rsdf": "; this is a program that writes a file: run it, erb FILE > robot.sdf",
+    ".j2": "; this is a program that writes a file: run it, jinja2 FILE > robot.urdf",
+    ".npz": "; this is a saved run, not a scene: plot and replay read it, and Solution.load",
+    ".lua": "; an RBDL model is a program, which is not run: write its bodies as URDF, and its loops in a loop file",
+    ".osim": "; an OpenSim model is converted to MJCF by its users' converters (myoconverter, pyosim2mjc)",
+    ".skel": "; DART reads this kind, and writes none that is read here: write its bodies as URDF or SDF",
+    ".slx": "; Simscape's smimport and exporters write URDF: export the tree, and give the loops in a loop file",
+    ".srdf": "; this belongs to a URDF: load that file",
+    ".step": "; this is a shape without joints: an exporter of the CAD program writes URDF or SDF",
+    ".bin": "; a compiled model of MuJoCo: mujoco.mj_saveLastXML writes its XML",
+    ".mjb": "; a compiled model of MuJoCo: mujoco.mj_saveLastXML writes its XML",
+}
+"""What a user may do with files of other kinds."""
 
 MOST = 2000  # largest size of a family: its dense matrices, with several times as many rows, must fit into memory
 RADIUS = 0.02  # m, of a rod
@@ -113,15 +132,11 @@ def find(source: str | os.PathLike) -> Source:
             raise InputError(f"{reason}. Built-in models: {', '.join(names)}")
         supported = (
             "URDF (.urdf, with a loop file .yaml next to it or passed as loops=), SDF (.sdf, .world), MJCF (.xml), "
-            "xacro (.xacro), USD (.usd, .usda, .usdc, .usdz) and Webots (.wbt)"
+            "xacro (.xacro), USD (.usd, .usda, .usdc, .usdz), Webots (.wbt, .proto), "
+            "Choreonoid (.body) and OpenHRP (.wrl)"
         )
         kind = path.suffix or "without suffix"
-        if kind in (".html", ".npz", ".erb"):
-            supported += {
-                ".html": "; a page is opened in a browser, and the run in it is kept by --out run.npz (sol.save)",
-                ".erb": "; this is a program that writes a file: run it, erb FILE > robot.sdf",
-                ".npz": "; this is a saved run, not a scene: plot and replay read it, and Solution.load",
-            }[kind]
+        supported += _OTHERS.get(kind.lower(), "")
         raise FormatError(f"files of type {kind!r} cannot be read; supported are {supported}", path=path)
     name = path.stem.removesuffix(".urdf").removesuffix(".sdf")
     if name in ("robot", "model"):

@@ -37,6 +37,7 @@ _FLOATS = {  # files that define what floats
     "mjcf": "MJCF files, which define what floats: give the body a <freejoint/>",
     "usd": "USD files, which define what floats: a body without joints to the ground",
     "webots": "Webots files, which define what floats: a Robot with Physics",
+    "choreonoid": "bodies of Choreonoid and OpenHRP, which define what floats: a root of type free",
 }
 _MUST_VANISH = ("offset", "velocity", "acceleration")  # desired values of a constraint or a contact
 
@@ -50,7 +51,7 @@ def load(
     ----------
     source : str, path-like, pin.Model or RobotWrapper
         A name of :func:`models`, with a number for ``<n>``; or a file: URDF, SDF (``.sdf``, ``.world``), MJCF
-        (``.xml``), xacro, USD, Webots (``.wbt``); or a folder that holds one ``.urdf``; or a model in memory; or a
+        (``.xml``), xacro, USD, Webots (``.wbt``, ``.proto``), Choreonoid (``.body``), OpenHRP (``.wrl``); or a folder that holds one ``.urdf``; or a model in memory; or a
         robot of the pip package example-robot-data: ``"cassie"``, ``"cassie_v2"``, ``"cassie_reduced"``,
         ``"cassie_simple"``, ``"cassie_wo_gearbox_spring"``.
     loops : path-like or sequence, optional

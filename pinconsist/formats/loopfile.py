@@ -172,7 +172,7 @@ def read(path) -> LoopFile:
     path = Path(path)
     content = read_bytes(path, MAX_BYTES)
     with located(path):
-        record = _parsed(content)
+        record = parsed_yaml(content)
         if not isinstance(record, dict) or not all(isinstance(key, str) for key in record):
             raise FormatError(f"this is not a loop file, which has keys such as {', '.join(_OWN_KEYS)}")
         if set(record) & set(loop_lists.KEYS) and not set(record) & {"loops", "closed_loop"}:
@@ -185,8 +185,10 @@ def read(path) -> LoopFile:
 class _PlainLoader(yaml.SafeLoader):
     """Plain data only: no tags, no aliases (a few lines can expand to gigabytes), no repeated keys."""
 
+    aliases = False
+
     def compose_node(self, parent, index):
-        if self.check_event(yaml.AliasEvent):
+        if self.check_event(yaml.AliasEvent) and not self.aliases:
             _refuse("aliases (*name) are not supported", self.peek_event())
         return super().compose_node(parent, index)
 
@@ -209,9 +211,16 @@ def _refuse(problem, where):
     raise yaml.MarkedYAMLError(problem=problem, problem_mark=where.start_mark)
 
 
-def _parsed(content):
+class _Loader(_PlainLoader):
+    """With aliases, for readers that count what they expand to."""
+
+    aliases = True
+
+
+def parsed_yaml(content, aliases=False):
+    """The plain data of a YAML file; FormatError with the line."""
     try:
-        return yaml.load(content, Loader=_PlainLoader)
+        return yaml.load(content, Loader=_Loader if aliases else _PlainLoader)
     except yaml.MarkedYAMLError as error:
         line = f"line {error.problem_mark.line + 1}" if error.problem_mark else ""
         raise FormatError(f"not usable YAML: {error.problem}", element=line) from error

@@ -1,4 +1,4 @@
-"""Webots worlds (``.wbt``): Solids, and the joints between them.
+"""Webots worlds (``.wbt``) and PROTO files: Solids, and the joints between them.
 
 A Solid with Physics is a body; what has none, and hangs on no joint, is fixed to what carries it: a Robot with Physics
 floats, one without does not move. HingeJoint, Hinge2Joint, SliderJoint and BallJoint have their ``anchor`` and
@@ -11,10 +11,12 @@ and the numbers of the joint are those of Webots: zero is where ``position`` is 
 (-y in files of versions before R2022a with the coordinate system NUE). Masses come from Physics: ``mass`` or
 ``density``, ``centerOfMass`` and ``inertiaMatrix``; what is missing is that of ``boundingObject``. Motors become
 actuators.
-PROTO nodes of other files are not read: if they have no body they are counted, else refused.
+PROTO nodes are written out from files beside the world (:mod:`.webots_proto`). What is not there, and has no body in
+its fields, is counted; else it is refused. A ``.proto`` file is read with the parameters that it has.
 """
 
 import math
+import os
 import re
 from pathlib import Path
 from xml.etree.ElementTree import tostring
@@ -33,6 +35,7 @@ from .ignored import COLLISIONS, LIMITS, Ignored
 from .plausible import warn_of_inertias
 from .reading import RobotFile, finite, read_bytes, short_repr, text
 from .urdf import add_visual, fixed_links
+from .webots_proto import CONVERT, Is, Proto, Protos, Scope, name_of
 
 WATER = 1000.0  # kg/m³, the default density of Physics
 DEEPEST = 200
@@ -45,8 +48,21 @@ _SOLIDS += ("Display", "DistanceSensor", "Emitter", "GPS", "Gyro", "InertialUnit
 _SOLIDS += ("Radar", "RangeFinder", "Receiver", "Speaker", "TouchSensor", "VacuumGripper")
 _HARMLESS = ("WorldInfo", "Viewpoint", "Background", "DirectionalLight", "PointLight", "SpotLight", "Fog", "Shape")
 _HARMLESS += ("TexturedBackground", "TexturedBackgroundLight", "CadShape", "Skin", "ContactProperties")
+_HARMLESS_ENDINGS = ("Light", "Background", "Appearance")
 _UNSUPPORTED = ("Track", "Propeller", "Fluid", "ImmersionProperties")
 _SHAPES = ("Box", "Sphere", "Cylinder", "Capsule", "Cone", "IndexedFaceSet", "Mesh", "Plane", "ElevationGrid")
+_KNOWN = {*_JOINTS, *_GROUPS, *_SOLIDS, *_HARMLESS, *_UNSUPPORTED, *_SHAPES, "SolidReference", "Physics", "Slot"}
+_KNOWN |= {"HingeJointParameters", "JointParameters", "BallJointParameters", "RotationalMotor", "LinearMotor", "Brake"}
+_KNOWN |= {
+    "PositionSensor",
+    "Appearance",
+    "PBRAppearance",
+    "Material",
+    "ImageTexture",
+    "Coordinate",
+    "Damping",
+    "Color",
+}
 _STARTING = 1e-12
 _PARALLEL = 1e-6
 
@@ -92,12 +108,15 @@ class Text(str):
 
 def read(path: Path, name: str, folders, *, ignore=()) -> RobotFile:
     """Read a Webots world; see the documentation of the module."""
+    protos = Protos(path, folders, parse, _KNOWN)
     if path.suffix.lower() == ".proto":
-        raise FormatError("a PROTO file is a template; read a world (.wbt) that has such a node written out")
-    nodes, version = parse(read_bytes(path).decode("utf-8", errors="replace"))
-    world = _World(nodes, version, set(ignore))
+        scope = protos.read(Path(os.path.abspath(path)))
+        nodes, version = [Vrml(each) for each in list(scope.own)[-1:]], scope.version
+    else:
+        nodes, version, scope = parse(read_bytes(path).decode("utf-8", errors="replace"), Path(os.path.abspath(path)))
+    world = _World(protos.written_out(nodes, scope), version, set(ignore))
     if not world.joints and not any(not body.static for body in world.bodies.values()):
-        raise FormatError("there is no Solid with Physics, and no joint")
+        raise FormatError("there is no Solid with Physics, and no joint" + _left_as_they_are(protos))
     scene = Scene(world.bodies, gravity=world.gravity)
     graph = JointGraph(scene, world.joints)
     model, guess = build(scene, graph, world.inertias, name, graph.roots)
@@ -116,9 +135,22 @@ def read(path: Path, name: str, folders, *, ignore=()) -> RobotFile:
     return RobotFile(model, world.shapes(), loops, (), (*forces, *actuators), guess, actuated, ignored)
 
 
-def parse(content: str) -> tuple[list[Vrml], tuple[int, str]]:
-    """The nodes of a VRML text of Webots, and its version: (year, letter)."""
-    match = re.match(r"#VRML_SIM\s+[RV]?(\d+)(\w*)", content)
+def _left_as_they_are(protos) -> str:
+    """What may be meant by a world of PROTO nodes that are not written out."""
+    if protos.programs:
+        return f"; {', '.join(sorted(protos.programs)[:6])}: a PROTO that is a program is not run. {CONVERT}"
+    names = [name for name in protos.missing if not name.endswith(_HARMLESS_ENDINGS)]
+    if not names:
+        return ""
+    return (
+        f"; the PROTO files of {', '.join(names[:6])} are not beside it: put them there, or name their folder, "
+        f"package_dirs=['…/protos']. {CONVERT}"
+    )
+
+
+def parse(content: str, file: Path) -> tuple[list[Vrml], tuple[int, str], Scope]:
+    """The nodes of a VRML text of Webots, its version, (year, letter), and its PROTOs."""
+    match = re.match(r"\s*#VRML(?:_SIM)?\s+[RV]?(\d+)(\w*)", content)
     if not match:
         raise FormatError("the first line of a Webots world is '#VRML_SIM R2023b utf8'")
     tokens, place = [], 0
@@ -133,18 +165,22 @@ def parse(content: str) -> tuple[list[Vrml], tuple[int, str]]:
         if len(tokens) > MOST_TOKENS:
             raise FormatError(f"more than {MOST_TOKENS:,} words")
         place = found.end()
-    reader = _Reader(tokens)
-    nodes = []
+    reader, version = _Reader(tokens), (int(match[1]), match[2][:1])
+    nodes, scope = [], Scope(file, version=version)
     while not reader.at_end():
         word = reader.next()
-        if word in ("EXTERNPROTO", "IMPORTABLE", "PROTO"):
-            if word == "PROTO":
-                raise FormatError("PROTO definitions are not read: write the node out")
-            if word == "EXTERNPROTO":
-                reader.next()
-            continue
-        nodes.append(reader.node(word, 0))
-    return nodes, (int(match[1]), match[2][:1])
+        if word == "EXTERNPROTO":
+            given = str(reader.next())
+            scope.paths[name_of(given)] = given
+        elif word == "PROTO":
+            proto = reader.proto()
+            proto.scope = scope
+            scope.own[proto.name] = proto
+        elif word == "ROUTE":
+            reader.skip(3)
+        elif word != "IMPORTABLE":
+            nodes.append(reader.node(word, 0))
+    return nodes, version, scope
 
 
 class _Reader:
@@ -161,6 +197,10 @@ class _Reader:
             raise FormatError("the file ends within a node")
         self._place += 1
         return self._tokens[self._place - 1]
+
+    def skip(self, count):
+        for _ in range(count):
+            self.next()
 
     def peek(self):
         return self._tokens[self._place] if not self.at_end() else ""
@@ -182,17 +222,52 @@ class _Reader:
         if label:
             self._labels[label] = node
         while (field := self.next()) != "}":
+            if field == "ROUTE":
+                self.skip(3)
+                continue
             if field == "hidden":  # hidden fields save the state of a simulation
                 field = "hidden " + self.next()
             node[str(field)] = self._value(depth)
         return node
+
+    def proto(self) -> Proto:
+        """A PROTO, behind this word: its name, its parameters in brackets, its nodes in braces."""
+        name, parameters, nodes = str(self.next()), {}, []
+        if self.next() != "[":
+            raise FormatError(f"PROTO {name[:40]}: '[' is missing")
+        while (word := self.next()) != "]":
+            self.next()  # its type
+            if self.peek() == "{":
+                self._skip_braces()
+            parameter = str(self.next())
+            if not word.startswith("event"):
+                parameters[parameter] = self._value(0)
+        if self.next() != "{":
+            raise FormatError(f"PROTO {name[:40]}: '{{' is missing")
+        while (word := self.next()) != "}":
+            if word == "ROUTE":
+                self.skip(3)
+            else:
+                nodes.append(self.node(word, 0))
+        return Proto(name, parameters, nodes[0] if nodes else Vrml("Group"))
+
+    def _skip_braces(self):
+        """The values that a parameter may have."""
+        depth = 0
+        while True:
+            depth += {"{": 1, "}": -1}.get(self.next(), 0)
+            if not depth:
+                return
 
     def _value(self, depth):
         if self.peek() == "[":
             self.next()
             values = []
             while self.peek() != "]":
-                values.append(self._single(depth))
+                if self.peek() == "ROUTE":
+                    self.skip(4)
+                else:
+                    values.append(self._single(depth))
             self.next()
             return values
         first = self._single(depth)
@@ -210,14 +285,18 @@ class _Reader:
         if word in ("{", "}", "[", "]"):
             raise FormatError(f"a value is needed, not {word!r}")
         if word == "IS":
-            raise FormatError(f"IS {self.next()}: PROTO definitions are not read")
+            return Is(self.next())
         if word in ("DEF", "USE") or self.peek() == "{":
             return self.node(word, depth + 1)
         return word
 
 
 def _is_number(word) -> bool:
-    return not isinstance(word, (Text, Vrml)) and finite(word, math.inf) is not None if isinstance(word, str) else False
+    return (
+        not isinstance(word, (Text, Vrml, Is)) and finite(word, math.inf) is not None
+        if isinstance(word, str)
+        else False
+    )
 
 
 class _World:
@@ -259,7 +338,7 @@ class _World:
         elif node.type == "Slot":
             for each in node.nodes("endPoint"):
                 self._visit(each, carrier, pose, depth + 1)
-        elif node.type not in _HARMLESS and not node.type.endswith(("Light", "Background", "Appearance")):
+        elif node.type not in _HARMLESS and not node.type.endswith(_HARMLESS_ENDINGS):
             if _has_bodies(node):
                 self._refuse(node)
             self.counted.add(f"PROTO {node.type}" if node.type[0].isupper() else node.type)
@@ -268,8 +347,9 @@ class _World:
         if {node.type, node.word("name")} & self._ignore:
             self.counted.add(f"{node.type} (left out)")
             return
+        proto = "" if node.type in _KNOWN else f", and its PROTO is a program, or not beside the world. {CONVERT}"
         raise FormatError(
-            f"the node {node.type} is not supported, and without it this may be another machine. "
+            f"the node {node.type} is not supported, and without it this may be another machine{proto}. "
             f"ignore=[{node.type!r}] loads the world without it", element=node.word("name") or node.type
         )  # fmt: skip
 

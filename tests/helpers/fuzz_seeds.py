@@ -207,3 +207,57 @@ Robot {{ name "r" children [
     jointParameters2 JointParameters {{ axis 1 0 0 position 0.2 }}
     endPoint Solid {{ translation 1 0 0 rotation 1 0 0 0.1 name "c" {_WEBOTS_PHYSICS} }} }} ] }}
 """.replace("USE_BOX", "Capsule { height 0.2 radius 0.1 }")
+
+BODY = """format: ChoreonoidBody
+formatVersion: 1.0
+angleUnit: degree
+name: r
+links:
+  - {name: base, jointType: fixed, mass: 1, inertia: [1, 0, 0, 0, 1, 0, 0, 0, 1]}
+  - name: a
+    parent: base
+    translation: [0, 0, 1]
+    rotation: [1, 0, 0, 30]
+    jointType: revolute
+    jointId: 0
+    jointAxis: [0, 1, 0]
+    jointRange: [-90, 90]
+    rotorInertia: 0.1
+    gearRatio: 2
+    elements:
+      - {type: RigidBody, mass: 1, centerOfMass: [0, 0, 0.5], inertia: [1, 0, 0, 1, 0, 1], translation: [0, 0, 0.1]}
+      - type: Transform
+        translation: [0, 0, 1]
+        elements: {Shape: {geometry: {type: Box, size: [1, 1, 1]}}}
+  - {name: b, parent: a, translation: [1, 0, 0], joint_type: revolute, joint_axis: -X, mass: 1, inertia: [1, 0, 0, 0, 1,
+     0, 0, 0, 1]}
+  - {name: c, parent: base, translation: [1, 0, 0], jointType: prismatic, jointAxis: Z, mass: 1,
+     inertia: [1, 0, 0, 1, 0, 1]}
+extraJoints:
+  - {link1Name: b, link2Name: c, jointType: ball, link1LocalPos: [0, 0, 0.5], link2LocalPos: [0.1, 0, 1]}
+"""
+WRL = """#VRML V2.0 utf8
+PROTO Joint [ exposedField SFVec3f translation 0 0 0 exposedField SFString jointType "" ] {
+  Transform { translation IS translation } }
+PROTO ExtraJoint [ exposedField SFString link1Name "" ] { }
+DEF r Humanoid { version "1" humanoidBody [
+  DEF base Joint { jointType "fixed" children [
+    DEF a Joint { jointType "rotate" jointAxis "Y" jointId 0 translation 0 0 1 rotation 1 0 0 0.5 llimit [ -1 ]
+      ulimit [ 1 ] rotorInertia 0.1 gearRatio 2
+      children [ Segment { mass 1 centerOfMass 0 0 0.5 momentsOfInertia [ 1 0 0 0 1 0 0 0 1 ] }
+      DEF b Joint { jointType "rotate" jointAxis 1 0 0 translation 1 0 0
+        children Segment { mass 1 momentsOfInertia [ 1 0 0 0 1 0 0 0 1 ] } } ] }
+    DEF c Joint { jointType "slide" jointAxis 0 0 1 translation 1 0 0
+      children Segment { mass 1 momentsOfInertia [ 1 0 0 0 1 0 0 0 1 ] } } ] } ] joints [ USE a USE b ] }
+DEF tip ExtraJoint { link1Name "b" link2Name "c" jointType "xyz" link1LocalPos 0 0 0.5 link2LocalPos 0.1 0 1 }
+"""
+PROTO = (
+    WEBOTS.partition("\n")[0]
+    + """
+PROTO scene [ field SFVec3f translation 0 0 0 field SFString{"r", "s"} name "r" field MFNode children [] ] {
+  Robot { translation IS translation name IS name children [
+"""
+    + WEBOTS[WEBOTS.index("Robot {") :].partition("children [")[2].rpartition("]")[0]
+    + """ ] } }
+"""
+)
