@@ -365,7 +365,7 @@ def test_no_code_is_made_of_data():
                 called
                 in ("eval", "exec", "compile", "__import__", "os.system", "os.popen", "marshal.loads", "shelve.open")
                 or re.fullmatch(r"(c?pickle|dill|cloudpickle|joblib)\.(load|loads|Unpickler)", called)
-                or (called == "yaml.load" and loader not in ("_PlainLoader", "yaml.SafeLoader"))
+                or (called == "yaml.load" and loader not in ("_PlainLoader", "_AliasLoader", "yaml.SafeLoader"))
                 or (called in ("np.load", "numpy.load") and words.get("allow_pickle") != "False")
                 or words.get("shell") == "True"
                 or called.startswith(("urllib.request", "requests.", "httpx."))
@@ -373,6 +373,20 @@ def test_no_code_is_made_of_data():
                 bad.append(f"{path.name}:{node.lineno}: {called}")
     assert not bad
     assert issubclass(loopfile._PlainLoader, __import__("yaml").SafeLoader)
+    assert issubclass(loopfile._AliasLoader, loopfile._PlainLoader)
+
+
+def test_aliases_of_a_body_do_not_expand_to_gigabytes(tmp_path):
+    """A body of Choreonoid may repeat values; a few lines of them, or of merged keys, are refused at once."""
+    lists, maps = ["a0: &a0 [1]"], ["b0: &b0 {k: 1, l: 2}"]
+    for i in range(1, 12):
+        lists.append(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]")
+        maps.append(f"b{i}: &b{i} {{<<: [{', '.join([f'*b{i - 1}'] * 10)}]}}")
+    newline = "\n"
+    for text, reason in ((lists, "more than .* values"), (maps, "keys are merged")):
+        (tmp_path / "r.body").write_text(f"{newline.join(text)}\nlinks: [{{name: base}}]\n")
+        with pytest.raises(pc.FormatError, match=reason):
+            pc.load(tmp_path / "r.body")
 
 
 def test_xml_is_parsed_by_defusedxml_alone():

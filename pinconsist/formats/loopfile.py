@@ -41,6 +41,7 @@ from .records import (
 
 MAX_BYTES = 1_000_000
 MAX_VALUE = 10_000  # characters: the time to parse 1:1:1:..., a number in base 60, grows with their square
+MAX_MERGED = 1000
 _OWN_KEYS = (
     "description",
     "loops",
@@ -211,16 +212,28 @@ def _refuse(problem, where):
     raise yaml.MarkedYAMLError(problem=problem, problem_mark=where.start_mark)
 
 
-class _Loader(_PlainLoader):
-    """With aliases, for readers that count what they expand to."""
+class _AliasLoader(_PlainLoader):
+    """With aliases, for readers that count what they expand to, and a few keys that mappings merge (``<<``)."""
 
     aliases = True
+
+    def flatten_mapping(self, node):
+        merged = [value for key, value in node.value if key.tag == "tag:yaml.org,2002:merge"]
+        parts = [part for each in merged for part in (each.value if isinstance(each, yaml.SequenceNode) else [each])]
+        for part in parts:  # each once, as this removes its own merged keys
+            if isinstance(part, yaml.MappingNode):
+                self.flatten_mapping(part)
+        if sum(len(part.value) for part in parts) > MAX_MERGED:
+            _refuse(f"more than {MAX_MERGED} keys are merged", node)
+        super().flatten_mapping(node)
 
 
 def parsed_yaml(content, aliases=False):
     """The plain data of a YAML file; FormatError with the line."""
     try:
-        return yaml.load(content, Loader=_Loader if aliases else _PlainLoader)
+        if aliases:
+            return yaml.load(content, Loader=_AliasLoader)
+        return yaml.load(content, Loader=_PlainLoader)
     except yaml.MarkedYAMLError as error:
         line = f"line {error.problem_mark.line + 1}" if error.problem_mark else ""
         raise FormatError(f"not usable YAML: {error.problem}", element=line) from error
