@@ -384,7 +384,7 @@ def test_aliases_of_a_body_do_not_expand_to_gigabytes(tmp_path):
         maps.append(f"b{i}: &b{i} {{<<: [{', '.join([f'*b{i - 1}'] * 10)}]}}")
     newline = "\n"
     for text, reason in ((lists, "more than .* values"), (maps, "keys are merged|nothing can move")):
-        (tmp_path / "r.body").write_text(f"{newline.join(text)}\nlinks: [{{name: base}}]\n")
+        (tmp_path / "r.body").write_text(f"{newline.join(text)}\nlinks: [{{name: base, jointType: fixed}}]\n")
         with pytest.raises(pc.FormatError, match=reason):
             pc.load(tmp_path / "r.body")
 
