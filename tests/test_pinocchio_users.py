@@ -132,30 +132,99 @@ def test_what_pinocchio_has_no_contact_for():
         pc.load("jansen_leg").to_pinocchio()
 
 
-def limit(model):
-    return pin.JointLimitConstraintModel(model, [1])
+def slide():
+    """1 kg on a vertical slide, and its model."""
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "slide")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    return model
 
 
-def friction(model):
-    return pin.JointFrictionConstraintModel(model, [1])
-
-
-def contact(model):
-    place = pin.SE3.Identity()
-    return pin.PointContactConstraintModel(model, 1, place, 0, place)
-
-
-@pytest.mark.parametrize(
-    ("make", "cure"), [(limit, r"pc\.Impact\(joint"), (friction, r"pc\.JointFriction\("), (contact, "does not slide")]
-)
-def test_constraints_that_are_no_loops_are_told_with_the_cure(make, cure):
-    mech = pc.load("four_bar")
+def made(make):
     try:
-        constraint = make(mech.model)
+        return make()
     except Exception:  # signatures differ between versions of Pinocchio
         pytest.skip("this version of Pinocchio makes it otherwise")
-    with pytest.raises(pc.InputError, match=cure):
-        pc.load(mech.model, loops=[constraint])
+
+
+def test_limits_of_joints_are_stops():
+    model = pc.load("four_bar").model
+    low, high = np.array([-0.5, -0.6, -0.7]), np.array([0.5, 0.6, np.inf])
+    mech = pc.load(model, loops=[made(lambda: pin.JointLimitConstraintModel(model, [1, 3], low, high))])
+    assert [(each.joint, each.lower, each.upper) for each in mech.contacts] == [
+        (model.names[1], -0.5, 0.5),
+        (model.names[3], -0.7, None),
+    ]
+
+
+def test_a_limit_stops_a_fall():
+    model = slide()
+    limit = made(lambda: pin.JointLimitConstraintModel(model, [1], np.array([-0.3]), np.array([np.inf])))
+    sol = pc.simulate(pc.load(model, loops=[pin.ConstraintModel(limit)]), (0.0, 1.0))
+    assert sol.q.min() == pytest.approx(-0.3, abs=1e-8) and sol.q[-1, 0] == pytest.approx(-0.3, abs=1e-8)
+
+
+def test_friction_of_joints_is_dry_friction():
+    model = slide()
+    for friction, falls in ((12.0, 0.0), (8.0, 0.5 * 1.81)):
+        limits = np.array([-friction]), np.array([friction])
+        constraint = made(lambda limits=limits: pin.JointFrictionConstraintModel(model, [1], *limits))
+        sol = pc.simulate(pc.load(model, loops=[constraint]), (0.0, 1.0))
+        assert -sol.q[-1, 0] == pytest.approx(falls, abs=1e-7)
+    uneven = made(lambda: pin.JointFrictionConstraintModel(model, [1], np.array([-1.0]), np.array([2.0])))
+    with pytest.raises(pc.InputError, match="from -1 to 2"):
+        pc.load(model, loops=[uneven])
+
+
+@pytest.mark.parametrize("ground_first", [True, False])
+def test_a_point_contact(ground_first):
+    """A block falls onto a slope of 30 degrees, and slides down if the coefficient is below tan 30°."""
+    slope = pin.SE3(pin.utils.rotate("y", np.pi / 6), np.array([0.0, 0.0, -0.1]))
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelTranslation(), pin.SE3.Identity(), "block")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    corner = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.05]))
+    for friction, slides in ((0.7, False), (0.4, True)):
+        if ground_first:
+            ends = 0, slope, joint, corner
+        else:  # z of the first placement points to the other body
+            down, up = pin.utils.rotate("x", np.pi), slope.rotation @ pin.utils.rotate("x", np.pi)
+            ends = joint, pin.SE3(down, corner.translation), 0, pin.SE3(up, slope.translation)
+        constraint = made(lambda ends=ends: pin.PointContactConstraintModel(model, *ends))
+        constraint.setFriction(friction)
+        mech = pc.load(model, loops=[constraint])
+        sol = pc.simulate(mech, (0.0, 1.0), t_eval=np.linspace(0.0, 1.0, 21))
+        rests = sol.t > 0.5
+        speeds = np.linalg.norm(sol.v[rests], axis=1)
+        a = 9.81 * (np.sin(np.pi / 6) - friction * np.cos(np.pi / 6))
+        if slides:
+            rates = np.polyfit(sol.t[rests], speeds, 1)
+            assert rates[0] == pytest.approx(a, rel=1e-6)
+        else:
+            assert speeds.max() < 1e-6
+        gaps = (sol.q + corner.translation - slope.translation) @ slope.rotation[:, 2]
+        assert gaps.min() > -1e-8
+
+
+def test_a_joint_with_several_degrees_of_freedom_has_no_stop():
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelTranslation(), pin.SE3.Identity(), "block")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    limit = made(lambda: pin.JointLimitConstraintModel(model, [1], -np.ones(3), np.ones(3)))
+    with pytest.raises(pc.InputError, match="'block' has several degrees of freedom"):
+        pc.load(model, loops=[limit])
+
+
+def test_axes_by_pinocchios_names():
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 0.05))
+    for theirs, ours in ((pin.LOCAL, "anchor"), ("LOCAL_WORLD_ALIGNED", "world"), (pin.LOCAL_WORLD_ALIGNED, "world")):
+        one, two = sol.contact_forces(axes=theirs), sol.contact_forces(axes=ours)
+        for name in two:
+            np.testing.assert_array_equal(one[name], two[name])
+    joint = sol.joint_force("rocker", axes=pin.LOCAL_WORLD_ALIGNED)
+    np.testing.assert_array_equal(joint.force, sol.joint_force("rocker", axes="world").force)
+    with pytest.raises(pc.InputError, match="is not one of 'world', 'anchor'"):
+        sol.contact_forces(axes=pin.WORLD)
 
 
 class Viewer:

@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from ..errors import FormatError, InputError, warn
 from ..mechanism.checks import choice, flag, several
+from ..mechanism.contacts import Contact, DryFriction, Stop
 from ..mechanism.loops import GROUND, Loop, anchor
 from ..mechanism.mechanism import Geometry, Mechanism
 from ..mechanism.names import is_revolute
@@ -25,13 +26,6 @@ _THEIR_KINDS = {
     "FrameAnchorConstraintModel": "frame",
     "RigidConstraintModel of type CONTACT_3D": "point",
     "RigidConstraintModel of type CONTACT_6D": "frame",
-}
-_CURES = {
-    "JointLimitConstraintModel": "Limits of joints do not act in runs, which watch them (sol.check()): leave it out. "
-    "What happens where a joint hits its stop: events=[pc.Impact(joint, upper=…)] of pc.simulate",
-    "JointFrictionConstraintModel": "Leave it out, and give friction as forces=[pc.JointFriction({joint: torque})]",
-    "PointContactConstraintModel": "Contacts that last are not modelled: leave it out. A foot that does not slide is a "
-    "PointAnchorConstraintModel or a pc.Loop of kind 'point'",
 }
 _FLOATS = {  # files that define what floats
     "mjcf": "MJCF files, which define what floats: give the body a <freejoint/>",
@@ -60,7 +54,8 @@ def load(
         the loops of the URDF itself: ``<loop_joint>`` elements, or pairs of frames with closing names
         (:mod:`pinconsist.formats.urdf_loops`), else none (a plain tree). SDF and MJCF files define their own loops
         (:mod:`pinconsist.formats.sdf`, :mod:`pinconsist.formats.mjcf`); no loop file is searched for.
-        For a model in memory, a sequence of Pinocchio's constraint models and of Loop, Drive and Coupling records.
+        For a model in memory, a sequence of Pinocchio's constraint models, also those of limits, friction and contacts,
+        and of Loop, Drive and Coupling records.
     closure : {"point", "frame", "hinge"}, optional
         Use this kind of :class:`~pinconsist.Loop` for all points, frames and hinges; loops of other kinds are
         unchanged.
@@ -208,8 +203,8 @@ def _of_model(source, loops, closure) -> Mechanism:
     title = model.name or "mechanism"
     warn_of_inertias(title, [(f"the body at joint {name!r}", whole.inertia, whole) for name, whole in bodies])
     warn_of_units(title, model)
-    loops, model = loops_of(loops, model)
-    return Mechanism(model, _closed_by(loops, closure), name=title)
+    loops, contacts, model = loops_of(loops, model)
+    return Mechanism(model, _closed_by(loops, closure), contacts=contacts, name=title)
 
 
 def _closed_by(loops, closure) -> tuple:
@@ -221,15 +216,16 @@ def _closed_by(loops, closure) -> tuple:
     return tuple(closed(loop) if closure and loop.kind in _CLOSURES else loop for loop in loops)
 
 
-def loops_of(constraint_models, model: pin.Model) -> tuple[list, pin.Model]:
-    """Loops equivalent to Pinocchio's constraint models, with other records unchanged, and the model that they need.
+def loops_of(constraint_models, model: pin.Model) -> tuple[list, list, pin.Model]:
+    """Loops and contacts equivalent to Pinocchio's constraint models, other records, and the model that they need.
 
-    Supported are point and frame anchors, the legacy rigid constraints in 3D and 6D, and both of these inside the
-    common constraint model; InputError for other kinds, compliance, and desired offsets or motions. Baumgarte gains are
-    ignored. An unnamed constraint is called ``loop1``, by its position. If a joint carries an anchor but no frame with
-    a unique name, the model is a copy with such a frame added.
+    Point and frame anchors and the legacy rigid constraints in 3D and 6D become loops, limits, friction of joints and
+    point contacts become stops, dry friction and contacts; also inside the common constraint model. InputError for
+    other kinds, compliance, and desired offsets or motions. Baumgarte gains are ignored. An unnamed constraint is
+    called ``loop1``, by its position. If a joint carries an anchor but no frame with a unique name, the model is a copy
+    with such a frame added.
     """
-    loops, names = [], []
+    loops, contacts, names = [], [], []
     for given in constraint_models:
         if hasattr(given, "kind") and hasattr(given, "rows"):
             loops.append(given)
@@ -239,30 +235,98 @@ def loops_of(constraint_models, model: pin.Model) -> tuple[list, pin.Model]:
         if name in names:
             name = f"{name} ({number})"
         names.append(name)
-        fields = {"kind": _kind(constraint, name)}
+        which = type(constraint).__name__
+        if which in _OF_JOINTS:
+            _require_rigid(constraint, name)
+            contacts += _OF_JOINTS[which](constraint, name, model)
+            continue
+        kind = None if which == "PointContactConstraintModel" else _kind(constraint, name)
+        _require_rigid(constraint, name)
+        places = []
         for end in (1, 2):
             joint = getattr(constraint, f"joint{end}_id")
             if not 0 <= joint < model.njoints:
                 raise InputError(f"constraint {name!r}: the model has no joint number {joint}")
             model, frame = _with_frame_on(joint, model)
             place = model.frames[model.getFrameId(frame)].placement.actInv(getattr(constraint, f"joint{end}_placement"))
-            fields |= {f"frame{end}": frame} | anchor(end, place)
-        loops.append(Loop(name, **fields))
-    return loops, model
+            places.append((frame, place))
+        if kind is None:
+            contacts.append(_contact(constraint, name, *places))
+        else:
+            fields = {f"frame{end}": frame for end, (frame, _) in enumerate(places, start=1)}
+            loops.append(Loop(name, kind, **fields, **anchor(1, places[0][1]), **anchor(2, places[1][1])))
+    return loops, contacts, model
+
+
+def _stops(constraint, name, model) -> list[Stop]:
+    """The stops of a JointLimitConstraintModel: its rows are the limits, and its Jacobian says of which joints."""
+    data, found = model.createData(), {}
+    pin.forwardKinematics(model, data, pin.neutral(model))
+    inside = constraint.createData()
+    constraint.calc(model, data, inside)
+    rows = np.array(constraint.jacobian(model, data, inside)).reshape(-1, model.nv)
+    for row, limit in zip(rows, np.array(constraint.getActivablePositionLimit()), strict=True):
+        column = int(np.argmax(np.abs(row)))
+        found.setdefault(_joint_of(column, model, name), {})["lower" if row[column] > 0.0 else "upper"] = float(limit)
+    return [Stop(joint, **limits) for joint, limits in found.items()]
+
+
+def _dry_friction(constraint, name, model) -> list[DryFriction]:
+    """The dry friction of a JointFrictionConstraintModel; InputError if it differs for both directions."""
+    columns, found = list(constraint.getActiveDofs()), []
+    limits = zip(columns, constraint.getFrictionLowerLimit(), constraint.getFrictionUpperLimit(), strict=True)
+    for column, lower, upper in limits:
+        joint = _joint_of(int(column), model, name)
+        if not np.isclose(-lower, upper):
+            raise InputError(
+                f"constraint {name!r}: the friction of joint {joint!r} is from {lower:g} to {upper:g}; dry friction is "
+                "the same in both directions here. Leave it out, and give the difference as a constant torque"
+            )
+        found.append(DryFriction(joint, float(upper)))
+    return found
+
+
+def _joint_of(column, model, name) -> str:
+    """The name of the joint with a velocity, which must have one degree of freedom; InputError otherwise."""
+    joint = max(i for i in range(1, model.njoints) if model.idx_vs[i] <= column)
+    if model.nvs[joint] != 1:
+        raise InputError(
+            f"constraint {name!r}: joint {model.names[joint]!r} has several degrees of freedom; stops and dry friction "
+            "are of joints with one"
+        )
+    return model.names[joint]
+
+
+def _contact(constraint, name, one, two) -> Contact:
+    """The contact of a PointContactConstraintModel: z of its first placement points from body 1 to body 2.
+
+    The point is that of body 2, and the plane that of body 1; the other way round if body 2 is the ground.
+    """
+    (on, plane), (frame, point), sign = one, two, 1.0
+    if frame == GROUND:
+        (on, plane), (frame, point), sign = two, one, -1.0
+    normal = sign * plane.rotation[:, 2]
+    offset = float(normal @ plane.translation)
+    friction = float(constraint.getFriction())
+    return Contact(name, frame, tuple(point.translation), normal=tuple(normal), offset=offset, on=on, friction=friction)
+
+
+_OF_JOINTS = {"JointLimitConstraintModel": _stops, "JointFrictionConstraintModel": _dry_friction}
 
 
 def _kind(constraint, name):
-    """The kind of the loop; InputError if the constraint is not rigid or its anchors move."""
+    """The kind of the loop; InputError for other constraints."""
     which = type(constraint).__name__
     if which == "RigidConstraintModel":
         which += f" of type {constraint.type}"
     if which not in _THEIR_KINDS:
-        cure = _CURES.get(
-            which, "Limits, friction and contact are not modelled as constraints here (see help(pinconsist.Loop))"
-        )
-        raise InputError(
-            f"constraint {name!r}: a {which} cannot be read as a loop; {', '.join(_THEIR_KINDS)} can. {cure}"
-        )
+        others = (*_THEIR_KINDS, *_OF_JOINTS, "PointContactConstraintModel")
+        raise InputError(f"constraint {name!r}: a {which} cannot be read; {', '.join(others)} can")
+    return _THEIR_KINDS[which]
+
+
+def _require_rigid(constraint, name) -> None:
+    """Raise InputError if a constraint is not rigid or its anchors move."""
     for attribute in (f"desired_{of}_{what}" for of in ("constraint", "contact") for what in _MUST_VANISH):
         value = getattr(constraint, attribute, 0.0)
         if np.any(getattr(value, "vector", value)):
@@ -271,7 +335,6 @@ def _kind(constraint, name):
             )
     if np.any(constraint.retrieveCompliance()):
         raise InputError(f"constraint {name!r}: it is compliant, but a loop is rigid; use a SpringDamper")
-    return _THEIR_KINDS[which]
 
 
 def _with_frame_on(joint, model):

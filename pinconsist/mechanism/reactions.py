@@ -268,7 +268,7 @@ def reaction(states: States, name: str, axes: str = "world", compliance=None) ->
         others = near(name, (*names, *mechanism.joints))
         others = others or (f"; the loops are {', '.join(names)}" if names else "; it has no loops")
         raise InputError(f"{mechanism.name}: no loop or joint {name!r}{others}")
-    _require_axes("reaction", axes, AXES)
+    axes = _axes("reaction", axes, AXES)
     stress, lam = _distributed(states, compliance)
 
     def found(states, lam):
@@ -283,7 +283,7 @@ def joint_force(states: States, name: str, axes: str = "world", compliance=None)
     mechanism = states.mechanism
     _require_no_fixed_joint(mechanism, name)
     joint = mechanism.joint_index(name)
-    _require_axes("joint_force", axes, JOINT_AXES)
+    axes = _axes("joint_force", axes, JOINT_AXES)
     stress, lam = _distributed(states, compliance)
 
     def found(states, lam, transmission=None):
@@ -332,8 +332,12 @@ def _require_no_fixed_joint(mechanism, name):
     )
 
 
-def _require_axes(method, axes, known):
+def _axes(method, axes, known) -> str:
+    """Axes from user input: one of those that are known, or Pinocchio's LOCAL and LOCAL_WORLD_ALIGNED, also by name."""
+    theirs = dict(zip(("LOCAL_WORLD_ALIGNED", "LOCAL"), known, strict=True))
+    axes = theirs.get(str(axes), axes)
     choice(axes, known, f"{method}: axes")
+    return axes
 
 
 def shared_loads(states: States) -> dict[str, tuple[str, ...]]:

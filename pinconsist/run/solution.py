@@ -323,8 +323,8 @@ class Solution(ByName):
 
         ``pin.constraintDynamics`` leaves such in ``contact_force`` of its constraint data. Loop → forces, N, shape
         (n, 3), for points and distances; for other kinds forces and moments, N·m, shape (n, 6), about anchor 2, which
-        is at anchor 1 if the loop is closed there. `axes` are "anchor", those of anchor 1 (``pin.LOCAL`` of a contact),
-        or "world" (``pin.LOCAL_WORLD_ALIGNED``). `mechanism` is as in :meth:`reaction`; raises InputError as there.
+        is at anchor 1 if the loop is closed there. `axes` are "anchor", those of anchor 1 (or ``pin.LOCAL``), or
+        "world" (``pin.LOCAL_WORLD_ALIGNED``). `mechanism` is as in :meth:`reaction`; raises InputError as there.
         """
         scene, found = self._mechanism(mechanism, "reaction"), {}
         for loop in scene.anchored_loops:
