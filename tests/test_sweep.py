@@ -84,7 +84,7 @@ def test_a_failing_case_is_an_outcome_with_its_error(where, pool):
     )  # fmt: skip
     assert wrong.message.startswith("four_bar: no joint 'nose'")
     assert "sweep_cases.py" in wrong.traceback and wrong.traceback.endswith(f"{wrong.message}\n")
-    assert "pinconsist/sweeps.py" not in wrong.traceback  # the package's own frames tell nobody anything
+    assert "pinconsist/run/" not in wrong.traceback  # the package's own frames tell nobody anything
     assert (end.error, end.message) == ("SystemExit", "enough")
     assert (odd.error, odd.message) == ("TwoWords", "one two")
 

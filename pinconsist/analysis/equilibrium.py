@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from ..errors import EquilibriumError, SingularSystemError
 from ..mechanism.assembly import assemble
-from ..mechanism.checks import flag, number
+from ..mechanism.checks import flag, number, require_no_contacts
 from ..mechanism.mechanism import Mechanism, with_added_forces
 from ..mechanism.names import joints_in
 from ..mechanism.reactions import HasReactions
@@ -151,6 +151,7 @@ def equilibrium(mechanism, q0=None, *, forces=(), t: float = 0.0, stable: bool =
         Invalid arguments.
     """
     mechanism = with_added_forces(mechanism, forces, "equilibrium")
+    require_no_contacts(mechanism, "equilibrium")
     t, stable = number(t, "t"), flag(stable, "stable")
     start = assemble(mechanism, q0, t=t).q
     system = MechanismSystem(mechanism, start, t)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..engine.index1 import Index1
 from ..errors import AssemblyError, InputError
-from ..mechanism.checks import finite_array, number
+from ..mechanism.checks import finite_array, number, require_no_contacts
 from ..mechanism.forces.held import Given
 from ..mechanism.mechanism import Mechanism, with_added_forces
 from ..mechanism.system import MechanismSystem
@@ -62,7 +62,9 @@ def forward_dynamics(mech: Mechanism, q, v=None, tau=None, *, forces=(), t: floa
     SingularSystemError
         A joint can move without inertia, or a singular position.
     """
-    mech, t = with_added_forces(mech, forces, "forward_dynamics"), number(t, "t")
+    mech = with_added_forces(mech, forces, "forward_dynamics")
+    require_no_contacts(mech, "forward_dynamics")
+    t = number(t, "t")
     q, v, tau, one = _states(mech, q, v, tau)
     equations = _Equations(mech, q[0], t)
     a, lam = np.empty(v.shape), np.empty((len(q), mech.nc))

@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from ..errors import AssemblyError, InputError, SingularSystemError
 from ..mechanism.assembly import assemble
-from ..mechanism.checks import finite_array
+from ..mechanism.checks import finite_array, require_no_contacts
 from ..mechanism.joint_constraints import Drive
 from ..mechanism.mechanism import Mechanism, with_added_forces
 from ..mechanism.names import joints_in
@@ -103,6 +103,7 @@ def inverse_dynamics(mechanism, times, q0=None, *, forces=()) -> InverseDynamics
         Invalid arguments.
     """
     mechanism = with_added_forces(mechanism, forces, "inverse_dynamics")
+    require_no_contacts(mechanism, "inverse_dynamics")
     times = np.atleast_1d(finite_array(times, "times"))
     if times.ndim != 1 or not times.size:
         raise InputError(f"times must be a sequence of times, got shape {times.shape}")

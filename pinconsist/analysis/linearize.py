@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from ..errors import SingularSystemError
 from ..mechanism.assembly import assemble
-from ..mechanism.checks import number
+from ..mechanism.checks import number, require_no_contacts
 from ..mechanism.lie import integrate
 from ..mechanism.mechanism import with_added_forces
 from ..mechanism.names import velocity_names
@@ -171,7 +171,9 @@ def linearize(mechanism, q0=None, v0=None, *, forces=(), t: float = 0.0) -> Line
     entries of the coordinates are y' and y'', the others follow from the rates. The projection by Zᵀ eliminates δλ, and
     the last variation is then exactly that of the equations of motion in minimal coordinates.
     """
-    mechanism, t = with_added_forces(mechanism, forces, "linearize"), number(t, "t")
+    mechanism = with_added_forces(mechanism, forces, "linearize")
+    require_no_contacts(mechanism, "linearize")
+    t = number(t, "t")
     given = q0
     if q0 is None:
         q0 = equilibrium(mechanism, t=t).q

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from ..errors import InputError, SingularSystemError, warn
 from ..mechanism.assembly import assemble
-from ..mechanism.checks import finite_array, number, require_mechanism
+from ..mechanism.checks import finite_array, number, require_mechanism, require_no_contacts
 from ..mechanism.checks import names as checked_names
 from ..mechanism.closing import NEARLY, LoopSolver
 from ..mechanism.forces import Actuator, Servo
@@ -30,6 +30,7 @@ class Motors:
 
     def __init__(self, mech, motors=None, q0=None):
         require_mechanism(mech, "Actuation")
+        require_no_contacts(mech, "Actuation")
         joints = mech.actuated if motors is None else checked_names(motors, "motors")
         if not joints:
             raise InputError(f"{mech.name} has no motors: name joints, Actuation(mech, motors=[…]), or set actuated=")

@@ -19,7 +19,7 @@ import pinocchio as pin
 from ..errors import InputError
 from ..files import written_whole
 from ..mechanism.checks import names as checked_names
-from ..mechanism.checks import near, number, require_mechanism
+from ..mechanism.checks import near, number, require_mechanism, require_no_contacts
 from ..mechanism.checks import workspace as data_of
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.names import velocity_units
@@ -178,7 +178,8 @@ def serial_equivalent(
     AssemblyError, SingularSystemError
         The loops cannot be closed; a singular position.
     """
-    require_mechanism(mech, "serial_equivalent()")
+    require_mechanism(mech, "serial_equivalent")
+    require_no_contacts(mech, "serial_equivalent")
     joints = tuple(checked_names(joints, "joints"))
     for joint in joints:
         if mech.model.nvs[mech.joint_index(joint)] != 1:

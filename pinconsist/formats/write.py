@@ -18,7 +18,7 @@ import yaml
 
 from ..errors import FormatError, InputError
 from ..files import require_writable, suffixed, written_whole
-from ..mechanism.checks import require_mechanism
+from ..mechanism.checks import require_mechanism, require_no_contacts
 from ..mechanism.lie import integrate
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.names import by_joint
@@ -58,8 +58,8 @@ def write(mechanism: Mechanism, path) -> Path:
 
     The other kinds of files say less: what they cannot say is refused by name before anything is written. They are read
     back, too, and the accelerations of both mechanisms must agree. In SDF the joints stand at zero where the loops are
-    closed, see ``write_sdf``. MJCF holds loops by springs in MuJoCo
-    (``write_mjcf``), and is rigid here. Shapes are written to URDF only.
+    closed, see ``write_sdf``. MJCF holds loops by springs in MuJoCo (``write_mjcf``), and is rigid here. Shapes and
+    contacts are written to URDF only, these into the loop file.
 
     Parameters
     ----------
@@ -114,6 +114,7 @@ def _write_other(mechanism, path) -> Path:
     names = [links[joint] for joint in range(mechanism.model.njoints)]
     frames = [(link, joint, place) for _, link, joint, place in mounted]
     try:
+        require_no_contacts(mechanism, "such a file", " as pinconsist has them")
         text = writer.document(mechanism, path.stem, names, frames)
         with tempfile.TemporaryDirectory() as folder:
             copy = Path(folder) / path.name

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import InputError, PinconsistError
-from ..mechanism.checks import coordinates, finite_array
+from ..mechanism.checks import coordinates, finite_array, require_no_contacts
 from ..mechanism.forces import HeldTorque
 from ..mechanism.mechanism import Mechanism, with_added_forces
 from ..mechanism.parameters import Parameter, parameter, part_at, records_of
@@ -41,11 +41,7 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
     of_run = OfRun()
     make = _maker(build, t_span[0], of_run, q0, v0, forces, events, control)
     base = make(theta)
-    if base.mechanism.contacts:
-        raise InputError(
-            f"{base.mechanism.name}: a run with contacts has no derivatives here, because its modes change; remove "
-            "them by with_contacts(), or compare two runs"
-        )
+    require_no_contacts(base.mechanism, "a differentiated run", ", whose modes would change")
     solution = simulate(
         base.mechanism, t_span, base.q0, base.v0, method="Radau", events=base.events, rtol=rtol, atol=atol,
         **{**options, "dense_output": True},

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..engine.index1 import Index1
-from ..errors import InputError, MissingExtraError
+from ..errors import InputError, MissingExtraError, warn
 from ..files import as_path, written_whole
 from ..formats.mjcf import solver_settings
 from ..mechanism.assembly import Assembly, assemble
@@ -204,6 +204,9 @@ def referee(
         A simulator in `tools` is not installed.
     """
     mech = with_added_forces(mech, forces, "referee")
+    if mech.contacts:
+        warn(f"{mech.name}: the referee leaves out its contacts, in all runs")
+        mech = mech.with_contacts()
     mech = mech if control is None else mech.with_control(control)
     if not mech.loops:
         raise InputError(f"{mech.name} has no loops, so that there are no loop forces to judge")

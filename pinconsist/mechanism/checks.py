@@ -268,6 +268,16 @@ def require_mechanism(mechanism, caller: str) -> None:
         raise InputError(f"{caller} needs a Mechanism, got {type(mechanism).__name__}; see pinconsist.load()")
 
 
+def require_no_contacts(mechanism, caller: str, why: str = "") -> None:
+    """Raise InputError for a mechanism with contacts, where these would be left out without a word."""
+    if names := [each.name for each in mechanism.contacts]:
+        raise InputError(
+            f"{mechanism.name}: {caller} has no contacts{why}, and this mechanism has {', '.join(names[:4])}"
+            f"{', …' * (len(names) > 4)}; mech.with_contacts() is the mechanism without them, in which what stays in "
+            "contact may be held by a loop"
+        )
+
+
 def normalized(model, q, who: str) -> np.ndarray:
     """A configuration with quaternions and (cos, sin) pairs of unit length; InputError if one has length zero."""
     if model.nq == model.nv:  # no joint has an orientation

@@ -29,10 +29,11 @@ def text_of(mechanism) -> str:
         "joints": mechanism.joints,
         "loops": loops,
         "forces": bound_forces(model, mechanism.forces),
+        "contacts": [f"{each.name} ({each.kind})" for each in mechanism.contacts],
         "motors": mechanism.actuated,
         "ignored": mechanism.ignored,
     }
-    lines = [f"  {what:<7} {_cut(list(names))}" for what, names in parts.items() if names]
+    lines = [f"  {what:<8} {_cut(list(names))}" for what, names in parts.items() if names]
     return "\n".join([head, *lines])
 
 
@@ -59,7 +60,12 @@ def html_of(mechanism) -> str:
         motor = "motor" if name.partition("[")[0] in motors else ""
         rows.append((name, kind, f"{value:.5g} {unit}", limits, motor))
     loops = [f"{loop.kind} {loop.name}" for loop in mechanism.loops]
-    parts = {"loops": loops, "forces": bound_forces(model, mechanism.forces), "ignored": mechanism.ignored}
+    parts = {
+        "loops": loops,
+        "forces": bound_forces(model, mechanism.forces),
+        "contacts": [f"{each.kind} {each.name}" for each in mechanism.contacts],
+        "ignored": mechanism.ignored,
+    }
     lists = "".join(f"<p>{what}: {escape(', '.join(each))}</p>" for what, each in parts.items() if each)
     table = _table(("joint", "kind", "guess", "limits", ""), rows)
     return f"<b>{escape(mechanism.name)}</b><br/>{svg_of(mechanism)}{table}{lists}"
@@ -131,12 +137,12 @@ def _plane(points):
 
 
 def digests(mechanism) -> dict[str, str]:
-    """SHA-256 of ``model`` (as this version of Pinocchio writes it), ``loops``, ``forces`` and ``guess``.
+    """SHA-256 of ``model`` (as this version of Pinocchio writes it), ``loops``, ``forces``, ``guess``, ``contacts``.
 
     User-defined functions and objects are identified only by their names.
     """
     parts = {"model": mechanism.model.saveToString()}
-    parts |= {name: repr(_plain(getattr(mechanism, name))) for name in ("loops", "forces", "guess")}
+    parts |= {name: repr(_plain(getattr(mechanism, name))) for name in ("loops", "forces", "guess", "contacts")}
     return {name: hashlib.sha256(text.encode()).hexdigest() for name, text in parts.items()}
 
 

@@ -93,7 +93,7 @@ class _Watched:
         for t in times.tolist():
             try:
                 found.append(self._function(t))
-            except (Exception, SystemExit, KeyboardInterrupt):  # a run may end before; if not, it reports the error
+            except (Exception, SystemExit):  # a run may end before; if not, it reports the error
                 break
         self.calls += len(times)
         if not found:

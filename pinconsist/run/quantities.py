@@ -183,7 +183,7 @@ class Quantity:
 
     def _continued(self, found, times, run, values, mechanism):
         """Angles, which are unwrapped from row to row, by whole turns next to those of the rows."""
-        if not self.turns(run._mechanism(mechanism, "position")):
+        if not self.turns(run._mechanism(mechanism, "position", False)):
             return found
         sign = 1.0 if run.t[-1] >= run.t[0] else -1.0
         return next_to(found, np.interp(sign * times, sign * run.t, values))

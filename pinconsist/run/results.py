@@ -149,7 +149,7 @@ class ByName:
         `joint` is a joint, or one of its numbers, ``"ball[0]"``. The angle of a joint that stores (cos, sin) is
         unwrapped: it has no jumps of 2π. `mechanism` is as in :meth:`check`. Raises InputError for other names.
         """
-        mechanism = self._mechanism(mechanism, "position")
+        mechanism = self._mechanism(mechanism, "position", False)
         model, part = mechanism.model, _part(mechanism, joint, positions=True)
         found = self.q[:, part]
         if found.shape[1] == 2 and model.nvs[mechanism.joint_index(joint)] == 1:
@@ -161,7 +161,7 @@ class ByName:
 
         `joint` and `mechanism` are as in :meth:`position`.
         """
-        return _of(self._mechanism(mechanism, "velocity"), joint, self.v)
+        return _of(self._mechanism(mechanism, "velocity", False), joint, self.v)
 
     def acceleration(self, joint: str | None = None, mechanism=None) -> np.ndarray:
         """The acceleration of a joint, rad/s² or m/s², shape (n,); (n, k) for a joint of several; (n, nv) for all.

@@ -203,8 +203,10 @@ def changed_files(then, now) -> list[str]:
 
 def _changed_mechanism(then, now, same_pinocchio) -> list[str]:
     """A sentence if the digests of a mechanism differ; those of models are compared only for the same Pinocchio."""
-    parts = {"model": "bodies, joints or gravity", "loops": "loops", "forces": "own forces", "guess": "guess"}
-    other = [parts[part] for part in parts if (part != "model" or same_pinocchio) and then.get(part) != now[part]]
+    parts = {"model": "bodies, joints or gravity", "forces": "own forces"}
+    parts |= {part: part for part in ("loops", "guess", "contacts")}
+    compared = (part for part in now if part in then and (part != "model" or same_pinocchio))
+    other = [parts[part] for part in compared if then[part] != now[part]]
     return [f"the mechanism has different {', different '.join(other)}"] if other else []
 
 

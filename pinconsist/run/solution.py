@@ -316,7 +316,7 @@ class Solution(ByName):
         Raises InputError for an unknown loop, a missing or different mechanism, a general problem, other axes, and a
         compliance of nothing that exists.
         """
-        return reaction(self._states(mechanism, "reaction"), loop, axes, compliance)
+        return reaction(self._states(mechanism, "reaction", False), loop, axes, compliance)
 
     def contact_forces(self, mechanism=None, *, axes: str = "anchor") -> dict[str, np.ndarray]:
         """The forces of all loops in the sign of Pinocchio's contact forces: on body 1, −λ of its loops.
@@ -326,7 +326,7 @@ class Solution(ByName):
         is at anchor 1 if the loop is closed there. `axes` are "anchor", those of anchor 1 (or ``pin.LOCAL``), or
         "world" (``pin.LOCAL_WORLD_ALIGNED``). `mechanism` is as in :meth:`reaction`; raises InputError as there.
         """
-        scene, found = self._mechanism(mechanism, "reaction"), {}
+        scene, found = self._mechanism(mechanism, "contact_forces", False), {}
         for loop in scene.anchored_loops:
             its = self.reaction(loop.name, mechanism, axes=axes)
             parts = [its.force] if loop.kind in ("point", "distance") else [its.force, its.moment]
@@ -355,7 +355,7 @@ class Solution(ByName):
         """
         from ..view.play import play
 
-        play(self, self._mechanism(mechanism, "at"), viewer, speed, fps)
+        play(self, self._mechanism(mechanism, "play"), viewer, speed, fps)
 
     def joint_force(
         self, joint: str, mechanism=None, *, axes: str = "world", compliance: Mapping | None = None
@@ -375,14 +375,14 @@ class Solution(ByName):
             )
         return joint_force(self._states(mechanism, "joint_force"), joint, axes, compliance)
 
-    def _states(self, mechanism, method) -> States:
+    def _states(self, mechanism, caller, replay=True) -> States:
         """What reactions and joint forces are computed from; accelerations only where they are needed."""
-        found = self._mechanism(mechanism, method)
+        found = self._mechanism(mechanism, caller, replay)
         workspace = self._workspace(found.model)
 
         def acting():
             self._require_forces(mechanism)
-            return self._mechanism(mechanism, "acceleration")
+            return self._mechanism(mechanism, caller)
 
         def motion(rows):
             v = self.v[rows]
@@ -401,14 +401,14 @@ class Solution(ByName):
 
         return States(found, self.t, self.q, self.lam, workspace, motion, at)
 
-    def _mechanism(self, mechanism, method) -> Mechanism:
+    def _mechanism(self, mechanism, caller, replay=True) -> Mechanism:
+        """`mechanism`, by default that of the run; with the recorded torques if the method `caller` needs them."""
         require_mechanism(self, mechanism)
-        replay = method not in ("position", "velocity", "reaction")  # these need no forces
         found = (self._replayed(mechanism) if replay else mechanism) or self.mechanism
         if found is None:
             where = "a solution that was read from a file or copied needs its mechanism here: "
-            where += f"sol.{method}(…, mechanism)"
-            raise InputError(where if self.system is None else f"{method}: a general problem has no loops and joints")
+            where += f"sol.{caller}(…, mechanism)"
+            raise InputError(where if self.system is None else f"{caller}: a general problem has no loops and joints")
         return found
 
     def _replayed(self, mechanism):
@@ -489,7 +489,7 @@ class Solution(ByName):
         from ..view.render import render
 
         return render(
-            self._mechanism(mechanism, "reaction"), self, file, speed=speed, traces=traces, forces=forces, at=at
+            self._mechanism(mechanism, "render", False), self, file, speed=speed, traces=traces, forces=forces, at=at
         )
 
     def summary(self) -> str:

@@ -83,10 +83,11 @@ class BoundActuator(BoundForce):
 
     def hand_over(self, compiled, table=None) -> bool:
         control = self._record.control
-        curve = control if type(control) is Motion else Motion(0.0 if callable(control) else control)
-        points = control if isinstance(control, Table) else Table((), ())
-        if callable(control) and not isinstance(control, Motion | Table):
+        moves = type(control) is Motion  # a subclass may have another law
+        if callable(control) and not (moves or isinstance(control, Table)):
             return False
+        curve = control if moves else Motion(0.0 if callable(control) else control)
+        points = control if isinstance(control, Table) else Table((), ())
         law = self._gain, self._bias, self._control, self._force
         places = [joint.place for joint in self._joints]
         compiled.add_actuator(places, self._arms, *law, curve.numbers, points.times, points.values, table)
