@@ -109,13 +109,13 @@ def _steps(system, start, until, tol=1e-6) -> tuple[int, float]:
     span = (0.0, until)
     method = Options("BDF", rtol=tol, atol=tol).for_span(span)
     stepper = stepper_for(system, method)
-    stepper.begin(0.0, start.q, start.v, until)
+    stepper.place(0.0, start.q, start.v)
     steps, begun = 0, time.perf_counter()
     while stepper.t != until:
-        batch = stepper.steps(until, stepper.batch, False)
-        if batch.failure:
-            raise RuntimeError(batch.failure)
-        steps += len(batch.t)
+        made = stepper.advance(until)
+        if made.why:
+            raise RuntimeError(made.why)
+        steps += stepper.read().steps
     return steps, time.perf_counter() - begun
 
 

@@ -48,8 +48,8 @@ class Progress:
     ids=["callback", "progress", "event", "t_eval and dense"],
 )
 def test_the_compiled_loop_is_left_rarely(monkeypatch, options):
-    calls, steps = [], Stepper.steps
-    monkeypatch.setattr(Stepper, "steps", lambda *args: calls.append(1) or steps(*args))
+    calls, advance = [], Stepper.advance
+    monkeypatch.setattr(Stepper, "advance", lambda *args: calls.append(1) or advance(*args))
     sol = run(options)
     assert sol.success and sol.nsteps > 150 and len(calls) < 25
 
@@ -204,9 +204,9 @@ def test_a_force_of_the_users_finds_each_step_seen(monkeypatch, method, seen_by)
             "event": {"events": note},
             "both": {"events": turned(-0.3, terminal=True), "callback": lambda t, *state: note(t, *state) > 2.0},
         }[seen_by]
-        steps = Stepper.steps
+        advance = Stepper.advance
         with monkeypatch.context() as patched:
-            patched.setattr(Stepper, "steps", lambda *args: calls.append(1) or steps(*args))
+            patched.setattr(Stepper, "advance", lambda *args: calls.append(1) or advance(*args))
             torque = pc.Torque(lambda t, q, v: np.array([last[0], 0.0, 0.0]))
             sol = pc.simulate(pc.load(RUN[0]), (0.0, 0.2), **START, method=method, forces=[torque], **options)
         return sol, len(calls)

@@ -12,7 +12,7 @@ import pinconsist as pc
 from pinconsist.formats.catalogue import robot_file
 from pinconsist.mechanism.system import MechanismSystem
 from pinconsist.paper.index1 import acceleration
-from pinconsist.run.steppers import BdfStepper, RadauStepper
+from pinconsist.run.steppers import Stepper
 
 PERIOD = 5e-3
 
@@ -117,8 +117,7 @@ def test_a_law_that_fails_leaves_what_was_reached(method):
 def test_the_compiled_loop_starts_again_by_itself(method, monkeypatch):
     """Python begins the run, and no more; a torque that is not finite is named as Python names it."""
     begun = []
-    monkeypatch.setattr(BdfStepper, "begin", lambda *args, of=BdfStepper.begin: begun.append(args) or of(*args))
-    monkeypatch.setattr(RadauStepper, "begin", lambda *args, of=RadauStepper.begin: begun.append(args) or of(*args))
+    monkeypatch.setattr(Stepper, "place", lambda *args, of=Stepper.place: begun.append(args) or of(*args))
     sol = sampled((0.0, 8 * PERIOD), method, rtol=1e-4, max_steps=40)
     assert len(begun) == 1 and np.count_nonzero(np.diff(sol.t) == 0.0) >= (method == "BDF") + 4
     assert sol.nsteps <= 40 and sol.success == (method == "Radau")

@@ -10,7 +10,7 @@ Reading order of the Python files:
 The order of the C++ headers: ``tuning.hpp`` (the constants), ``system.hpp`` (equations) with ``mechanism.hpp``,
 ``rows.hpp``, ``forces.hpp`` and ``callback_system.hpp``; ``lanes.hpp`` and ``state_lanes.hpp`` (several
 states at once, by the vectors of the processor); ``kkt.hpp``; ``run.hpp`` (the loop of a run) with
-``signs.hpp`` (events); BDF: ``bdf.hpp``, ``newton.hpp``, ``control.hpp``, ``start.hpp``, ``stepper.hpp``; Radau IIA:
+``events.hpp``; BDF: ``bdf.hpp``, ``newton.hpp``, ``control.hpp``, ``start.hpp``, ``stepper.hpp``; Radau IIA:
 ``radau.hpp``, ``stages.hpp``, ``stage_matrix.hpp``, ``collocation.hpp``, ``radau_stepper.hpp``; ``gradient.hpp``
 (derivatives).
 """

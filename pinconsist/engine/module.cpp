@@ -37,6 +37,14 @@ Table MechanismSystem::complete(double t, const Table &configurations, Table mul
   return multipliers;
 }
 
+bool KeptRows::poor(const Vec &p) {
+  if (kept_.empty()) return false;
+  all_.constraint(t_, p, Vec::Zero(all_.nv));
+  const Mat J = scales_.cwiseInverse().asDiagonal() * all_.W;
+  const double strongest = J.bdcSvd().singularValues()[kept_.size() - 1];
+  return !(J(kept_, Eigen::all).bdcSvd().singularValues().tail(1)[0] > WEAK * strongest);
+}
+
 namespace {
 
 using namespace nb::literals;

@@ -22,11 +22,11 @@
 namespace pinconsist {
 
 // Why there is no step; the messages are in tuning.hpp, under these names.
-enum class Failure { none, singular, not_finite, diverged, not_converged, error_test, turns_too_far };
+enum class Failure { none, singular, not_finite, diverged, not_converged, error_test, turns_too_far, singular_between, constraint_jumps };
 
 inline const char *name_of(Failure failure) {
   static constexpr const char *names[] = {"",           "singular",   "not_finite",   "diverged", "not_converged",
-                                          "error_test", "turns_too_far"};
+                                          "error_test", "turns_too_far", "singular_between", "constraint_jumps"};
   return names[static_cast<int>(failure)];
 }
 

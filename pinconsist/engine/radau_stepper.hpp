@@ -50,13 +50,13 @@ public:
     return std::copysign(std::max({found, shortest_step(t), shortest_step(t_end)}), t_end - t);
   }
 
-  // Take over the state of a run with other rows of the constraints, up to the next `begin_anew`.
-  void stand(double t0, double size, const Vec &p0, const Vec &v0) {
+  // A state of the run, up to the next start.
+  void stand(double t0, double size, const Vec &p0, const Vec &v0, const Vec &lam0) {
     t = t0;
     h = size;
     p = p0;
     v = v0;
-    lam = Vec::Zero(system_.nc);
+    lam = lam0;
     begun_ = true;
   }
 
@@ -70,13 +70,13 @@ public:
     used_h = 0.0;
     used_s = 0;
     last_.reset();
+    accurate_.reset();
     control.restart();
     newton.forget();
     slope_.setZero(system_.nv);
     stage_a_ = a;
     headway_.restart(t, t);
-    shaped_ = resumes_ = false;
-    unseen_ = 0;
+    shaped_ = false;
     if (fixed()) {
       divide(t_end);
     } else if (first != 0.0) {
@@ -100,9 +100,21 @@ public:
     return Failure::none;
   }
 
-  template <class Leave> Failure resume(double until, const Leave &) {
+  Failure start(const Located &from, const Vec &a0, double until) {
+    begin_anew(from.t, from.p, from.v, a0, from.lam, until);
+    return Failure::none;
+  }
+
+  Failure resume(double until) {
     if (fixed()) divide(until);
     return Failure::none;
+  }
+
+  // A state within the last step; nothing if the equations are singular there.
+  std::optional<Located> inside(double at) {
+    if (at == t) return Located{t, p, v, lam};
+    if (!sampler.sample(accurate(), at)) return {};
+    return Located{at, sampler.p, sampler.v, sampler.lam};
   }
 
   // Repeat a step up to another end; null if it fails.
@@ -110,24 +122,24 @@ public:
     return remade(step.shape, step.shape.t, t_end, step.p0, step.v0, step.shape.start);
   }
 
-  // An event between the last two evaluations of `signs`: its time and state, by a step that is repeated up to there.
+  // An event between the last two evaluations of the events: its time and state, by a step that is repeated up to there.
   // Nothing if the equations are singular there. With a `limit`, of a function whose sign has changed there already, in a
   // step that ends there: long steps are less accurate between their ends.
-  std::optional<Located> locate(Signs &signs, size_t i, double limit = NOT_A_NUMBER) {
-    if (signs.values[i] == 0.0 && std::isnan(limit)) {
-      if (signs.end == t) return Located{t, p, v, lam};
-      const auto ending = retake(*last_step(), signs.end);
-      if (!sampler.sample(ending ? ending : last_step(), signs.end)) return {};
-      return Located{signs.end, sampler.p, sampler.v, sampler.lam};
+  std::optional<Located> locate(Events &events, size_t i, double limit = NOT_A_NUMBER) {
+    if (events.values[i] == 0.0 && std::isnan(limit)) {
+      if (events.end == t) return Located{t, p, v, lam};
+      const auto ending = retake(*last_step(), events.end);
+      if (!sampler.sample(ending ? ending : last_step(), events.end)) return {};
+      return Located{events.end, sampler.p, sampler.v, sampler.lam};
     }
     bool regular = true;
     double root;
     const auto g = [&](const Collocations::value_type &of, double at) {
-      regular = regular && sampler.look(of, at, signs.with_multipliers);
-      return regular ? signs.value(i, at, sampler.p, sampler.v, sampler.lam) : 0.0;
+      regular = regular && sampler.look(of, at, events.with_multipliers());
+      return regular ? events.value(i, at, sampler.p, sampler.v, sampler.lam) : 0.0;
     };
     auto step = last_step();
-    Bracket between{signs.begin, signs.before[i], signs.end, signs.values[i]};
+    Bracket between{events.begin, events.before[i], events.end, events.values[i]};
     if (!std::isnan(limit)) {
       const auto shorter = retake(*step, limit);
       if (shorter) step = shorter;
@@ -135,7 +147,7 @@ public:
       between.after = g(step, limit);
       if (between.before * between.after > 0.0) return {};
     }
-    const bool found = !signs.leaves(i) || narrowed([&](double at) { return g(step, at); }, between);
+    const bool found = !events.leaves(i) || narrowed([&](double at) { return g(step, at); }, between);
     auto &[begin, before, end, after] = between;
     double left = 0.0;
     if (found) {
@@ -150,15 +162,15 @@ public:
     auto seen = step; // in which the root was found
     double there = g(again, root);
     // Just after a start the polynomial of a long step has not the rates of the start: shorter steps have.
-    for (int turn = 0; turn < RELOCATED && found && regular && signs.leaves(i) && !at_start && there * after > 0.0; ++turn) {
-      Bracket sooner{signs.begin, signs.before[i], root, there};
+    for (int turn = 0; turn < RELOCATED && found && regular && events.leaves(i) && !at_start && there * after > 0.0; ++turn) {
+      Bracket sooner{events.begin, events.before[i], root, there};
       if (!narrowed([&](double at) { return g(again, at); }, sooner)) break;
       seen = again;
       const double last = root, near = std::max(exactly(root), ROUGHLY * std::abs(root - sooner.begin));
       std::tie(root, left) = zero([&](double at) { return g(again, at); }, sooner.begin, sooner.before, sooner.end, sooner.after, near);
       begin = sooner.begin;
       there = left;
-      if (std::abs(last - root) < ROUGHLY * std::abs(last - signs.begin)) break;
+      if (std::abs(last - root) < ROUGHLY * std::abs(last - events.begin)) break;
       const auto shorter = retake(*step, root);
       if (!shorter) break;
       again = shorter;
@@ -184,8 +196,12 @@ public:
 
   // The last step, with its halves where its polynomial is not accurate enough between the ends. Another stepper makes
   // them, so that the run does not depend on who looks inside its steps.
-  Collocations::value_type accurate() {
-    const auto step = last_step();
+  const Collocations::value_type &accurate() {
+    if (!accurate_) accurate_ = with_halves(last_step());
+    return accurate_;
+  }
+
+  Collocations::value_type with_halves(const Collocations::value_type &step) {
     if (fixed()) return step;
     weights();
     shift_ = control.slack() * weight_.tail(system_.nv);
@@ -233,6 +249,7 @@ public:
     }
     keep_shape(a1_);
     last_.reset();
+    accurate_.reset();
     system_.step_ended(v1_);
     stage_a_ = newton.stages.W.rightCols(1);
     newton.accepted();
@@ -557,14 +574,13 @@ private:
   void shorten(double wanted) { h = wanted; }
 
   int order() const { return 2 * used_s - 1; }
-  void reserve(long, Collocations &) const {}
   void keep(Collocations &curve) { curve.push_back(accurate()); }
 
   int looks() const { return static_cast<int>(LOOKS); }
-  bool look(Signs &signs, double at) {
-    if (at == t) return signs.look(t, p, v, lam), true;
-    if (!sampler.look(last_step(), at, signs.with_multipliers)) return false;
-    signs.look(at, sampler.p, sampler.v, sampler.lam);
+  bool look(Events &events, double at) {
+    if (at == t) return events.look(t, p, v, lam), true;
+    if (!sampler.look(last_step(), at, events.with_multipliers())) return false;
+    events.look(at, sampler.p, sampler.v, sampler.lam);
     return true;
   }
 
@@ -578,7 +594,7 @@ private:
   Vec stage_a_; // the acceleration here according to the stages of the last step
   bool shaped_ = false;
   Shape shape_;
-  Collocations::value_type last_;
+  Collocations::value_type last_, accurate_;
   Mat modes_, coefficients_, rhs_, all_rhs_, between_, between_v_;
   Vec missed_, tau_, v_between_;
   Vec weight_, p1_, v1_, a1_, lam1_, moved_, shift_;

@@ -6,9 +6,10 @@
 
 namespace pinconsist {
 
-// Chart centres and tables of steps.
+// Steps: their ends and sizes, the degrees of their polynomials, chart centres and tables.
 struct TableCurve {
-  std::vector<double> bases, tables;
+  std::vector<double> t, h, bases, tables;
+  std::vector<int> degrees;
 };
 
 class Stepper : public Run<Stepper, TableCurve> {
@@ -46,14 +47,14 @@ public:
     return Failure::none;
   }
 
-  // Take over the state of a run with other rows of the constraints, up to the next `begin`.
-  void stand(double t0, double step, const Vec &p0, const Vec &v0) {
+  // A state of the run, up to the next start.
+  void stand(double t0, double step, const Vec &p0, const Vec &v0, const Vec &lam0) {
     t = t0;
     h = step;
     p = p0;
     k = control.max_order;
-    y = Vec::Zero(system_.nx + system_.nv + system_.nc);
-    y.segment(system_.nx, system_.nv) = v0;
+    y.resize(system_.nx + system_.nv + system_.nc);
+    y << Vec::Zero(system_.nx), v0, lam0;
     begun_ = true;
   }
 
@@ -78,25 +79,25 @@ public:
   }
 
   // The state within the last step, or the history.
-  Located inside(double at) const {
-    if (at == t) return {t, p, velocity(), multipliers()};
+  std::optional<Located> inside(double at) const {
+    if (at == t) return Located{t, p, velocity(), multipliers()};
     Vec all = Z.row(0).transpose(), place = all.head(system_.nx);
     double basis = 1.0;
     for (int j = 1; j < points; ++j) all += (basis *= ((at - t) / used_h + j - 1) / j) * Z.row(j).transpose();
     if (system_.vector_like) place = all.head(system_.nx);
     else system_.integrate(base, all.head(system_.nx), place);
-    return {at, place, all.segment(system_.nx, system_.nv), all.tail(system_.nc)};
+    return Located{at, place, all.segment(system_.nx, system_.nv), all.tail(system_.nc)};
   }
 
-  // An event between the last two evaluations of `signs`: its time and state.
-  std::optional<Located> locate(Signs &signs, size_t i, double = NOT_A_NUMBER) { // steps are as accurate between their ends
+  // An event between the last two evaluations: its time and state.
+  std::optional<Located> locate(Events &events, size_t i, double = NOT_A_NUMBER) { // steps are as accurate between their ends
     const auto g = [&](double at) {
-      const Located here = inside(at);
-      return signs.value(i, at, here.p, here.v, here.lam);
+      const Located here = *inside(at);
+      return events.value(i, at, here.p, here.v, here.lam);
     };
-    if (signs.values[i] == 0.0) return inside(signs.end);
-    Bracket between{signs.begin, signs.before[i], signs.end, signs.values[i]};
-    if (signs.leaves(i) && !narrowed(g, between)) return inside(between.begin);
+    if (events.values[i] == 0.0) return inside(events.end);
+    Bracket between{events.begin, events.before[i], events.end, events.values[i]};
+    if (events.leaves(i) && !narrowed(g, between)) return inside(between.begin);
     const auto &[begin, before, end, after] = between;
     return inside(zero(g, begin, before, end, after, exactly(end)).first);
   }
@@ -120,16 +121,22 @@ private:
     return Failure::none;
   }
 
-  // The run starts again from here towards `until`; `leave` is called with each state of its history.
-  template <class Leave> Failure resume(double until, const Leave &leave) {
+  // Start at a state with this acceleration; the states of the history after it are left by the loop.
+  Failure start(const Located &from, const Vec &a, double until) {
     History past;
+    started_.clear();
+    const Failure why = begin(from.t, from.p, from.v, a, from.lam, until, past);
+    if (why != Failure::none) return why;
+    for (size_t i = 1; i < past.t.size(); ++i) started_.push_back({past.t[i], past.p[i], past.v[i], past.lam[i]});
+    return fixed() && turns.rows() && std::abs(h) > longest_step(velocity(), k) ? Failure::turns_too_far : Failure::none;
+  }
+
+  // The run starts again from here.
+  Failure resume(double until) {
     Vec a, lam;
-    const Vec p0 = p, v0 = velocity();
-    if (!index1_.acceleration(t, p0, v0, a, lam)) return Failure::singular;
-    const Failure failure = begin(t, p0, v0, a, lam, until, past);
-    if (failure != Failure::none) return failure;
-    for (size_t i = 1; i < past.t.size() && leave(past.t[i], past.p[i], past.v[i], past.lam[i]); ++i) {}
-    return Failure::none;
+    const Vec v0 = velocity();
+    if (!index1_.acceleration(t, p, v0, a, lam)) return Failure::singular;
+    return start({t, p, v0, lam}, a, until);
   }
 
   // Continue from a history.
@@ -138,8 +145,7 @@ private:
     control.restart();
     newton.forget();
     rounding_.restart();
-    on_trial_ = resumes_ = false;
-    unseen_ = 0;
+    on_trial_ = false;
     t_old = past.t.front();
     t = past.t.back();
     headway_.restart(t_old, t);
@@ -286,18 +292,17 @@ private:
   }
 
   int looks() const { return static_cast<int>(LOOKS_OF_BDF); }
-  bool look(Signs &signs, double at) {
-    const Located here = inside(at);
-    signs.look(at, here.p, here.v, here.lam);
+  bool look(Events &events, double at) {
+    const Located here = *inside(at);
+    events.look(at, here.p, here.v, here.lam);
     return true;
   }
 
   int order() const { return used_k; }
-  void reserve(long steps, TableCurve &curve) const {
-    curve.bases.reserve(steps * base.size());
-    curve.tables.reserve(steps * Z.size());
-  }
   void keep(TableCurve &curve) {
+    curve.t.push_back(t);
+    curve.h.push_back(used_h);
+    curve.degrees.push_back(points - 1);
     put(curve.bases, base);
     put(curve.tables, Z);
   }

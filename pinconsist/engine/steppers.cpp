@@ -19,33 +19,30 @@ Switches switches_of(nb::object switches) {
           on("row_derivatives")};
 }
 
-// Run something; releases the GIL unless Python is called.
-template <class Run> Failure released(bool calls_python, const Run &run) {
-  if (calls_python) return run();
-  nb::gil_scoped_release release;
-  return run();
-}
-
-// Make steps until something ends them; returns its name and the Python exception, if any.
-template <class Run> std::pair<const char *, nb::object> attempted(bool calls_python, const Run &run) {
-  Failure failure = Failure::none;
-  nb::object error = nb::none();
+// Run something without the GIL, unless it calls Python; returns the Python exception, if any.
+template <class Run> nb::object attempted(bool calls_python, const Run &run) {
   try {
-    failure = released(calls_python, run);
+    if (calls_python) {
+      run();
+    } else {
+      nb::gil_scoped_release release;
+      run();
+    }
   } catch (nb::python_error &raised) {
-    error = nb::borrow(raised.value());
+    return nb::borrow(raised.value());
   } catch (const std::exception &raised) {
-    error = nb::module_::import_("builtins").attr("RuntimeError")(raised.what());
+    return nb::module_::import_("builtins").attr("RuntimeError")(raised.what());
   }
-  return {name_of(failure), error};
+  return nb::none();
 }
 
-// The polynomials of a batch, for Python; None if there are none.
+// The polynomials of steps, for Python.
 nb::object in_python(TableCurve &curve) {
-  if (curve.tables.empty()) return nb::none();
-  return nb::make_tuple(array_of(std::move(curve.bases)), array_of(std::move(curve.tables)));
+  const size_t n = curve.t.size();
+  return nb::make_tuple(array(curve.t, {n}), array(curve.h, {n}), array(curve.degrees, {n}), array_of(std::move(curve.bases)),
+                        array_of(std::move(curve.tables)));
 }
-nb::object in_python(Collocations &curve) { return curve.empty() ? nb::none() : nb::cast(StageCurve{std::move(curve)}); }
+nb::object in_python(Collocations &curve) { return nb::cast(StageCurve{std::move(curve)}); }
 
 // Of a step: its start, size and stages; p and v there; the accelerations of its stages; p and v at its end.
 nb::tuple in_python(const Collocation &step) {
@@ -54,13 +51,23 @@ nb::tuple in_python(const Collocation &step) {
                         array(step.p1), array(step.v1));
 }
 
-// A batch: why it ended, the Python exception if any, its rows, its polynomials, and where forces jumped.
-template <class Curve> nb::object in_python(const char *failure, nb::object error, StepBatch<Curve> &made, const System &system) {
-  const size_t n = made.steps, npos = system.npos, nv = system.nv, nc = system.nc, jumped = made.jumps.size();
-  const nb::object jumps = jumped ? nb::make_tuple(array(made.jumps, {jumped}), array(made.lam_after, {jumped, nc}))
-                                  : nb::make_tuple(nb::tuple(), nb::tuple());
-  return nb::make_tuple(failure, error, array(made.t, {n}), array(made.p, {n, npos}), array(made.v, {n, nv}), array(made.lam, {n, nc}),
-                        array(made.h, {n}), array(made.order, {n}), in_python(made.curve), jumps);
+// What was made: number of steps; rows t, p, v, λ and orders; starts and ends of polynomials, and these, or None.
+template <class Curve> nb::object in_python(Made<Curve> &made, const System &system) {
+  const size_t n = made.t.size(), npos = system.npos, nv = system.nv, nc = system.nc, curves = made.ends.size();
+  const nb::object rows = nb::make_tuple(array(made.t, {n}), array(made.p, {n, npos}), array(made.v, {n, nv}), array(made.lam, {n, nc}));
+  nb::object curve = nb::none();
+  if (curves) curve = nb::make_tuple(array(made.starts, {curves}), array(made.ends, {curves}), in_python(made.curve));
+  return nb::make_tuple(made.steps, rows, array(made.order, {n}), curve);
+}
+
+nb::object in_python(const Located &at) { return nb::make_tuple(at.t, array(at.p), array(at.v), array(at.lam)); }
+
+// Events at one time, the state there, and whether they end the run; None if there are none.
+nb::object in_python(const std::optional<Hit> &hit) {
+  if (!hit) return nb::none();
+  nb::list events;
+  for (size_t i : hit->events) events.append(i);
+  return nb::make_tuple(events, in_python(hit->at), hit->ends);
 }
 
 // Members of both steppers.
@@ -71,17 +78,20 @@ template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) 
       .def_prop_ro("velocity", [](const Stepper &s) { return array(Vec(s.velocity())); })
       .def_prop_ro("multipliers", [](const Stepper &s) { return array(Vec(s.multipliers())); })
       .def_rw("turns", &Stepper::turns)
-      .def("stand", &Stepper::stand)
       .def_rw("first", &Stepper::first)
       .def_rw("step", &Stepper::step)
+      .def_rw("moving", &Stepper::moving)
+      .def_rw("waits", &Stepper::waits)
+      .def_ro("to_come", &Stepper::to_come)
+      .def_ro("singular_at", &Stepper::singular_at)
+      .def_prop_ro("reached", [](const Stepper &s) { return nb::make_tuple(s.reached, s.reached_by, s.reached_order); })
+      .def_prop_ro("hit", [](const Stepper &s) { return in_python(s.hit); })
       .def_prop_ro("sizes", [](const Stepper &s) { return array(s.control.sizes); })
-      .def("locate", // the time of an event, and p, v, λ there; None where the equations are singular
-           [](Stepper &s, Signs &signs, size_t i, double limit) -> nb::object {
-             const auto found = s.locate(signs, i, limit);
-             if (!found) return nb::none();
-             return nb::make_tuple(found->t, nb::make_tuple(array(found->p), array(found->v), array(found->lam)));
-           }, "signs"_a, "i"_a, "limit"_a = NOT_A_NUMBER)
-      .def("watched", [](Stepper &s, Signs &signs) { return name_of(s.watched(signs)); })
+      .def("place", &Stepper::begin_at)
+      .def("resume_here", &Stepper::resume_here)
+      .def("take_over", &Stepper::template take_over<Stepper>, "before"_a)
+      .def("ask_rows", &Stepper::ask_rows, "times"_a, "exact"_a)
+      .def("watch_rows", &Stepper::watch_rows, "rows"_a.none(), "every"_a, nb::keep_alive<1, 2>())
       .def("work", // since the last call
            [](Stepper &s) {
              const auto taken = [](long &count) { return std::exchange(count, 0); };
@@ -89,44 +99,58 @@ template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) 
                                    taken(s.control.rejected_by_error), taken(s.control.rejected_by_newton));
            })
       .def_prop_ro("culprit", [](const Stepper &s) { return nb::make_tuple(s.newton.culprit_t, array(s.newton.culprit_p), array(s.newton.culprit_v)); })
-      .def("run",
-           [](Stepper &s, const System &system, double t_end, long most, bool with_curve, Signs *signs, nb::object sees, nb::object forces) {
-             StepBatch<Curve> out;
-             const auto [failure, error] = attempted(system.calls_python() || !sees.is_none(), [&] { return s.run(t_end, most, with_curve, signs, sees, forces, out); });
-             return in_python(failure, error, out, system);
-           }, "system"_a, "t_end"_a, "most"_a, "with_curve"_a, "signs"_a.none(), "sees"_a.none(), "forces"_a.none())
-      .def("reach", // (t, p, v); None if the steps end before t_end, or if Python has no use for them
+      .def("advance", // why it returns, what has failed, the Python exception if any
+           [](Stepper &s, const System &system, double t_end, long most, bool jumped, bool with_curve, Events *events, nb::object sees, nb::object forces) {
+             Reason reason = Reason::failed;
+             const Asked asked{with_curve, events, sees, forces};
+             const nb::object error = attempted(system.calls_python() || !sees.is_none(), [&] { reason = s.run(t_end, most, asked, jumped); });
+             return nb::make_tuple(name_of(reason), name_of(s.failure), error);
+           }, "system"_a, "t_end"_a, "most"_a, "jumped"_a, "with_curve"_a, "events"_a.none(), "sees"_a.none(), "forces"_a.none())
+      .def("reach", // the same: (t, p, v) if t_end is reached, else None
            [](Stepper &s, const System &system, double t_end, long most, bool jumped, nb::object forces) -> nb::object {
-             released(system.calls_python(), [&] { return s.reach(t_end, most, jumped, forces); });
-             if (s.t != t_end) return nb::none();
+             const nb::object none = nb::none();
+             const nb::object error = attempted(system.calls_python(), [&] { s.run(t_end, most, {false, nullptr, none, forces}, jumped); });
+             if (!error.is_none() || s.t != t_end) return nb::none();
              return nb::make_tuple(t_end, array(s.p), array(s.velocity()));
            }, "system"_a, "t_end"_a, "most"_a, "jumped"_a, "forces"_a.none())
-      .def("unread", // the batch of all steps of `reach` since the last call
+      .def("read", // what was made since the last call
            [](Stepper &s, const System &system) {
-             StepBatch<Curve> made = std::exchange(s.unread, {});
-             return in_python("", nb::none(), made, system);
+             Made<Curve> made = std::exchange(s.output, {});
+             return in_python(made, system);
            });
 }
 
-void bind_signs(nb::module_ &m) {
+void bind_events(nb::module_ &m) {
   nb::class_<ContactWatch>(m, "ContactWatch")
       .def(nb::init<MechanismSystem &>(), "rows"_a, nb::keep_alive<1, 2>())
       .def("add_gap", &ContactWatch::add_gap, "row"_a, "level"_a)
       .def("add_push", &ContactWatch::add_push, "place"_a)
       .def("add_cone", &ContactWatch::add_cone, "place"_a, "beside"_a, "friction"_a)
       .def("add_speed", &ContactWatch::add_speed, "row"_a, "direction"_a, "level"_a);
-  nb::class_<Signs>(m, "Signs")
-      .def(nb::init<const nb::tuple &, bool, nb::handle, nb::handle, std::vector<int>, int, ContactWatch *>(), "events"_a, "with_multipliers"_a,
-           "interrupted"_a, "finish"_a.none(), "places"_a, "number"_a, "contacts"_a.none(), nb::keep_alive<1, 8>())
-      .def_ro("begin", &Signs::begin)
-      .def_ro("end", &Signs::end)
-      .def_ro("before", &Signs::before)
-      .def_ro("values", &Signs::values)
-      .def_rw("changed", &Signs::changed)
-      .def("restart", &Signs::restart)
-      .def("leaves", &Signs::leaves)
-      .def("look", &Signs::look)
-      .def("value", &Signs::value);
+  nb::class_<KeptRows>(m, "KeptRows")
+      .def(nb::init<MechanismSystem &, std::vector<int>, const Vec &, double>(), "all"_a, "kept"_a, "scales"_a, "t"_a, nb::keep_alive<1, 2>());
+  nb::class_<Events>(m, "Events")
+      .def(nb::init<const nb::list &, nb::handle, nb::handle, std::vector<int>, int>(), "events"_a, "interrupted"_a, "finish"_a.none(), "places"_a, "number"_a)
+      .def("enter_mode", &Events::enter_mode, "ends"_a, "contacts"_a, nb::keep_alive<1, 3>())
+      .def_ro("values", &Events::values)
+      .def("restart", &Events::restart)
+      .def("restart_after", &Events::restart_after)
+      .def("has_changed", &Events::has_changed, "i"_a, "change"_a)
+      .def("keep_of_multipliers", &Events::keep_of_multipliers)
+      .def("passed",
+           [](Events &events, const std::vector<size_t> &fired, double t, const Vec &p, const Vec &v, const Vec &lam) {
+             return in_python(events.passed(fired, {t, p, v, lam}));
+           })
+      .def_prop_ro("found", // (t, p, v) of the occurrences of each event
+           [](const Events &events) {
+             nb::list all;
+             for (const auto &each : events.found) {
+               nb::list rows;
+               for (const auto &row : each) rows.append(nb::make_tuple(row.t, array(row.p), array(row.v)));
+               all.append(rows);
+             }
+             return all;
+           });
 }
 
 void bind_bdf(nb::module_ &m) {
@@ -140,30 +164,17 @@ void bind_bdf(nb::module_ &m) {
           },
           "system"_a, "correct"_a, "switches"_a, nb::keep_alive<1, 2>())
       .def_ro("k", &Stepper::k)
-      .def_ro("t_old", &Stepper::t_old)
-      .def_ro("used_h", &Stepper::used_h)
-      .def_ro("points", &Stepper::points)
-      .def_prop_ro("base", [](const Stepper &s) { return array(s.base); })
-      .def_prop_ro("Z", [](const Stepper &s) { return array(s.Z); })
-      .def("begin", // why it failed, and t, p, v, λ of the states of the history
-           [](Stepper &s, const System &system, double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, double t_end) {
-             History past;
-             const Failure failure = released(system.calls_python(), [&] { return s.begin(t, p, v, a, lam, t_end, past); });
+      .def_prop_ro("history", // the states t, p, v, λ of a start
+           [](const Stepper &s) {
              nb::list states;
-             for (size_t i = 0; i < past.t.size(); ++i)
-               states.append(nb::make_tuple(past.t[i], array(past.p[i]), array(past.v[i]), array(past.lam[i])));
-             return nb::make_tuple(name_of(failure), states);
+             for (const Located &state : s.history()) states.append(in_python(state));
+             return states;
            })
       .def("trial", // p and v of an uncorrected step, and why it failed
            [](Stepper &s) {
              Vec p, v;
              const Failure failure = s.trial(p, v);
              return nb::make_tuple(array(p), array(v), name_of(failure));
-           })
-      .def("inside", // p, v, λ at a time of the last step, or of the history
-           [](const Stepper &s, double t) {
-             const Located here = s.inside(t);
-             return nb::make_tuple(array(here.p), array(here.v), array(here.lam));
            })
       .def("take_velocities", &Stepper::take_velocities)
       .def("fix_order", [](Stepper &s, int order) { s.control.max_order = order; })
@@ -183,15 +194,6 @@ void bind_radau(nb::module_ &m) {
              new (self) RadauStepper(system, switches_of(switches));
            }, "system"_a, "switches"_a, nb::keep_alive<1, 2>())
       .def_prop_ro("k", [](const RadauStepper &s) { return 2 * s.control.s - 1; })
-      .def("jump", [](RadauStepper &s) { return s.jump() == Failure::none; })
-      .def("divide", &RadauStepper::divide, "t_end"_a, "least"_a = 1)
-      .def("begin",
-           [](RadauStepper &s, const System &system, double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, double t_end) {
-             released(system.calls_python(), [&] {
-               s.begin_anew(t, p, v, a, lam, t_end);
-               return Failure::none;
-             });
-           })
       .def("fix_stages", [](RadauStepper &s, int stages) { s.control.use(stages); })
       .def("control_error", [](RadauStepper &s, const Vec &rtol, const Vec &atol, const Vec &sizes, int stages, double max_step) {
         s.control.set(rtol, atol, stages);
@@ -200,7 +202,6 @@ void bind_radau(nb::module_ &m) {
       });
 
   nb::class_<StageCurve>(m, "StageCurve")
-      .def("first", [](const StageCurve &curve, size_t n) { return StageCurve{{curve.steps.begin(), curve.steps.begin() + n}}; })
       .def("joined",
            [](const StageCurve &curve, const std::vector<const StageCurve *> &others) {
              StageCurve all = curve;
@@ -228,7 +229,7 @@ void bind_radau(nb::module_ &m) {
 } // namespace
 
 void bind_steppers(nb::module_ &m) {
-  bind_signs(m);
+  bind_events(m);
   bind_bdf(m);
   bind_radau(m);
 }

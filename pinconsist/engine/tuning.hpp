@@ -107,6 +107,27 @@ CONSTANT(NUDGE, 1e-6); // fraction of the time to the next evaluation after whic
 CONSTANT(HALVING, 20); // tries after which a zero is found by bisection alone
 CONSTANT(PATIENCE, 0.05); // s after which one call makes no more steps, so that interrupts are noticed
 
+// Events
+CONSTANT(SAME_TIME, 1e-13); // relative: events closer than this are simultaneous
+CONSTANT(TOUCHING, 1e-9); // rad or m: gap of an impact that counts as closed
+CONSTANT(DEEP_GAP, 1e-11); // rad or m: a gap below it at the first event has closed before
+CONSTANT(FLIGHT, 1e-5); // change of the state, relative to it, over which the rate of a function is measured that leaves zero
+CONSTANT(STOPPED, 1e-9); // rate of a function after an event, relative to that before, that counts as zero
+CONSTANT(ROUNDED_FLIGHT, 1e3); // roundings of the position below which flights between occurrences of an event do not count
+CONSTANT(FLIGHTS, 3); // number of such flights after which an event accumulates
+CONSTANT(FLIGHTS_AT_ONCE, 30); // number of occurrences of an impact at one time after which it does
+
+// Runs that would not end in reasonable time, because a force chatters: Newton fails again and again there
+CONSTANT(WINDOW, 1000); // number of steps after which the pace of a run is checked
+CONSTANT(CHATTER, 0.3); // failures of Newton per step from which a run may not end
+CONSTANT(TOO_MANY, 1e5); // remaining steps that are too many if a force jumps
+CONSTANT(ENDLESS, 1e9); // the same if none does
+
+// Redundant constraints
+CONSTANT(WEAK, 0.2); // smallest singular value of the kept rows, relative to that of all, below which others are chosen
+CONSTANT(JUMP_GAP, 1e-6); // gap of a constraint that jumps, relative to positions and 1 rad or m, from which a run cannot go on
+CONSTANT(PUSHED, 1e-9); // change of velocities where rates of constraints jump, relative to them and 1 rad/s or m/s, that is none
+
 // Complementarity problems of contacts
 CONSTANT(SWEEPS, 20); // of projected Gauss-Seidel before Newton's method
 CONSTANT(ROUNDS, 4); // each with twice as many sweeps as the last, where pivots have failed

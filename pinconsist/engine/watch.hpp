@@ -3,6 +3,8 @@
 
 #include "mechanism.hpp"
 
+#include <algorithm>
+
 namespace pinconsist {
 
 class ContactWatch {
@@ -22,6 +24,10 @@ public:
   void add_speed(int row, const Vec &direction, double level) { watched_.push_back({Kind::speed, row, {}, level, direction}); }
 
   size_t size() const { return watched_.size(); }
+  bool is_gap(size_t i) const { return watched_[i].kind == Kind::gap; }
+  bool with_multipliers() const {
+    return std::any_of(watched_.begin(), watched_.end(), [](const Watched &of) { return of.kind == Kind::push || of.kind == Kind::cone; });
+  }
 
   double value(size_t i, double t, const Vec &p, const Vec &v, const Vec &lam) {
     const Watched &of = watched_[i];

@@ -33,15 +33,6 @@ class Curve(ABC):
         """Index of the step at each of the times."""
         return np.minimum(np.searchsorted(self.sign * self.ends, self.sign * times), len(self.ends) - 1)
 
-    def until(self, end: float) -> Curve:
-        """The same polynomials, used only up to `end`."""
-        last = int(self.holders(end))
-        return self._cut(last, end) if end != self.ends[-1] else self
-
-    @abstractmethod
-    def _cut(self, last, end) -> Curve:
-        """The steps up to one of them, which is used up to `end`."""
-
     @abstractmethod
     def __call__(self, times):
         """(p, v, λ) at several times, as arrays."""
@@ -79,10 +70,6 @@ class Tables(Curve):
     def _columns(self):
         return self.t_old, self.ends, self.t, self.h, self.k, self.base, self.Z
 
-    def _cut(self, last, end):
-        t_old, ends, *others = (column[: last + 1] for column in self._columns())
-        return Tables(t_old, np.append(ends[:last], end), *others, self.system, self.chart_points)
-
     def __call__(self, times):
         i, nx, nv = self.holders(times), self.system.nx, self.system.nv
         highest = int(self.k[i].max(initial=0))
@@ -104,60 +91,19 @@ class Tables(Curve):
 
 
 @dataclass
-class StepBatch:
-    """Accepted steps that were made in one call, as arrays with one row a step, and their polynomials if requested."""
+class Made:
+    """What one call of the engine has made.
 
-    t: np.ndarray
-    p: np.ndarray
-    v: np.ndarray
-    lam: np.ndarray
-    order: np.ndarray
+    `rows` are t, p, v and λ, as arrays: the ends of steps, or what was requested, and second rows where forces jump;
+    `orders` are those of the steps that lead to them, 0 in a start and after jumps. The curve has the polynomials of
+    all steps, if requested. `reached` is the end of the last step, its size and its order.
+    """
+
+    steps: int
+    rows: tuple
+    orders: np.ndarray
     curve: Curve | None
-    failure: str = ""  # why there are no more steps, or empty
-    error: BaseException | None = None  # what a user's function raised after these steps
-    jumps: tuple = ((), ())  # numbers of steps after which forces jumped, and λ there
-
-    def __post_init__(self):
-        for array in self.states:  # passed to users' functions
-            array.flags.writeable = False
-
-    @classmethod
-    def of(cls, states, orders, curve, *why) -> StepBatch:
-        """The batch of a list of states (t, p, v, λ)."""
-        t, *columns = zip(*states, strict=True) if states else ((), (), (), ())
-        return cls(np.array(t), *(np.array(column) for column in columns), np.array(orders, int), curve, *why)
-
-    @property
-    def states(self):
-        """p, v and λ."""
-        return self.p, self.v, self.lam
-
-    def first(self, n: int) -> StepBatch:
-        """The first `n` of the steps."""
-        curve = self.curve and n and self.curve.until(self.t[n - 1])
-        jumps = tuple(each[np.less(self.jumps[0], n)] for each in self.jumps) if len(self.jumps[0]) else self.jumps
-        return StepBatch(self.t[:n], *(each[:n] for each in self.states), self.order[:n], curve or None, jumps=jumps)
-
-    def with_jumps(self):
-        """t, p, v, λ and order of all rows: after a step at whose end forces jump, a second one of order 0."""
-        at, lam = self.jumps
-        if not len(at):
-            return self.t, *self.states, self.order
-        t, p, v = (np.insert(each, at, each[at - 1], axis=0) for each in (self.t, self.p, self.v))
-        return t, p, v, np.insert(self.lam, at, lam, axis=0), np.insert(self.order, at, 0)
-
-    def before(self, t) -> int:
-        """How many of the steps end before a time that lies in one of them."""
-        return int((abs(self.t - self.t[-1]) > abs(t - self.t[-1])).sum()) if len(self.t) > 1 else 0
-
-    def cut(self, with_curve, t, p, v, lam) -> StepBatch:
-        """The steps before the time of an event, and the part of the next one up to it."""
-        n, curve = self.before(t), self.curve.until(t) if with_curve else None
-        rows = np.array([t]), p[None], v[None], lam[None]
-        if n:
-            before = self.t, *self.states
-            rows = tuple(np.concatenate((each[:n], row)) for each, row in zip(before, rows, strict=True))
-        return StepBatch(*rows, self.order[: n + 1], curve)
+    reached: tuple
 
 
 def joined(curves) -> list[Curve]:

@@ -1,28 +1,24 @@
-"""The one loop: begin, advance, look for events, record."""
+"""The loop of a run: the engine advances, and Python acts on the reason for which it returns."""
 
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field
-from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
+from ..engine import constant
 from ..engine.failure import FAILURES, failure_report, jumping
-from ..engine.norms import largest
 from ..engine.problem import Index3System
-from ..engine.rounding import Pace
 from ..errors import InputError, PinconsistError, UserFunctionError
 from ..mechanism.mode_system import ModeSystem
 from .control import ErrorControl, FixedStep, Switches
-from .dense import DenseOutput, StepBatch
-from .events import STILL, EventWatch, state_after
+from .dense import DenseOutput
+from .events import EventWatch, state_after
 from .modes import Modes
 from .output import FAILED, STOPPED, SUCCESS, Output, Record, Stop
 
 BEYOND = 1e-6  # of a step, after which the modes of redundant rows are decided
 RESTS = 1e-6  # relative speed after an impact below which contacts rest, with fixed steps
-CLOSED = 1e-6  # gap of a constraint, relative to positions and 1 rad or m, that is no jump
 
 
 @dataclass
@@ -122,7 +118,11 @@ def integrate(
             lam0 = stepper.index1.acceleration(t_span[0], p0, v0)[1]
             record.first(t_span[0], p0, v0, lam0)
             watch.restart(t_span[0], p0, v0, lam0)
-            march(March(stepper, t_span, method, record, watch, interrupted), Start(p0, v0))
+            if not record.at_steps:
+                stepper.ask_rows(record.due, output.exact)
+            run = March(stepper, t_span, method, record, watch, interrupted)
+            run.start(p0, v0)
+            run.to_end()
         except Stop as stop:
             status, message = stop.status, str(stop)
         except KeyboardInterrupt:
@@ -176,7 +176,7 @@ def start_in_modes(stepper, watch, t, p, v):
     """Choose the modes of contacts at the start; returns position and velocity, which an impact may change."""
     p, v = watch.modes.begin(t, p, v)
     stepper.change_system(watch.modes.system)
-    watch.enter_mode(stepper)
+    watch.enter_mode()
     return stepper.index1.projected(t, p, v)
 
 
@@ -184,34 +184,13 @@ def _ending(error, t):
     """The error that ends a run; sys.exit() in a user's function counts as its error, and does not end the program."""
     if not isinstance(error, SystemExit):
         return error
-    told = UserFunctionError("a user-defined function", t, error)
-    told.__cause__ = error
-    return told
-
-
-class Start(NamedTuple):
-    """A state from which a run begins, perhaps again; `known`: acceleration and λ there; forces may have `jumped`."""
-
-    p: np.ndarray
-    v: np.ndarray
-    known: tuple | None = None
-    jumped: bool = False
-
-
-class Resumption(NamedTuple):
-    """The run goes on from the state that it has reached, where forces may have `jumped`."""
-
-    jumped: bool
-
-
-def march(run: "March", begin: Start | Resumption | None) -> None:
-    """Integrate to the end: from one start to the next, after events and where forces jump."""
-    while begin is not None:
-        begin = run.leg(begin)
+    ending = UserFunctionError("a user-defined function", t, error)
+    ending.__cause__ = error
+    return ending
 
 
 class March:
-    """A run of a stepper from `t_span[0]`: it asks for steps, and acts on the reason for which they end.
+    """A run of a stepper from `t_span[0]`: it asks the engine for steps, and acts on the reason for which it returns.
 
     What was reached is in the record; :class:`Stop` ends a run early.
     """
@@ -223,169 +202,91 @@ class March:
         self.watch = watch
         self.t, self.t_end = t_span
         self._interrupted = interrupted
-        self._with_curve = record.needs_curve
-        self._pace = Pace(method.control, self.t, record.nsteps)
-        # Whether the engine goes on by itself where forces jump.
-        self._passes = bool(watch.signs is None and stepper.system.changes and stepper.passes_changes(self._with_curve))
-        # Called with each step before the next one is made, if a user's function might change the next one.
-        sees = record.output.each_step and not (stepper.ahead and not self._passes)
-        self._sees = record.sees if sees else None
 
-    def leg(self, begin):
-        """Steps until there is another start, which is returned; None at the end."""
-        if self.t == self.t_end:
-            return None
-        self._stop_if_interrupted()
-        stop = self.record.next_stop(self.t, self.t_end)  # where a step has to end
-        change = self.stepper.system.next_change(self.t, stop)
-        first, *self.stepper.unseen = self._begun(begin, change)
-        if begin.jumped:
-            self.record.jump(*first)
-            hit = self.watch.jumped(*first)
-            if hit is not None:
-                return self._after_events(*hit)
-        until = stop if self._passes else change
-        batch = self._started() if self.stepper.unseen else self._more(until)
-        while True:
-            hit = self._event_in(batch)
-            if hit is not None:
-                return self._after_events(*hit)
-            self._add(batch)
-            if batch.failure and not self._other_rows():
-                raise Stop(FAILED, failure_report(self.stepper, batch.failure))
-            if self.t == self.t_end == self.record.reached:
-                return None
-            self._stop_without_progress()
-            other_rows = bool(batch.failure) or (self._rows_are_due() and self._other_rows())
-            at_change = self.t == until or (other_rows and self._passes)
-            changed = self.stepper.system.change(self.t, *self._state()) if at_change else None
-            if other_rows or changed is not None or self.t == stop:
-                return self._after_change(bool(changed), other_rows)
-            if self.t == until:
-                until = self.stepper.system.next_change(self.t, stop)
-            self._stop_if_interrupted()
-            batch = self._more(until)
+    def start(self, p, v, known=None) -> None:
+        """Start, or start again, at the time reached; `known` are acceleration and λ there."""
+        self.stepper.place(self.t, p, v, known)
 
-    def _begun(self, begin, until):
-        if isinstance(begin, Resumption):
-            return self.stepper.resume(until)
-        return self.stepper.begin(self.t, begin.p, begin.v, until, begin.known)
+    def to_end(self, jumped=False) -> None:
+        """Steps up to the end; forces have `jumped` since the run was left."""
+        while self.t != self.t_end:
+            if self._interrupted():
+                raise KeyboardInterrupt
+            made = self._advance(jumped)
+            jumped = False
+            if made.reason == "interrupted":
+                raise KeyboardInterrupt
+            if made.reason == "event":
+                self._after_events(*self.stepper.hit)
+                continue
+            self.t = self.stepper.t
+            if made.reason == "failed" and not self._other_rows():
+                raise Stop(FAILED, failure_report(self.stepper, made.why))
+            if made.reason == "rows":
+                self._other_rows()
+            if self.t != self.t_end:
+                self._require_progress(made.reason == "slow")
 
-    def _state(self):
-        return self.stepper.p, self.stepper.v
+    def _advance(self, jumped):
+        """Steps, which are recorded."""
+        record = self.record
+        system = self.stepper.system
+        made = self.stepper.advance(
+            self.t_end,
+            self._steps_left(),
+            jumped,
+            record.output.dense,
+            self.watch.found,
+            record.sees if record.output.each_step else None,
+            system if system.changes else None,
+        )
+        record.add(self.stepper.read())
+        if made.error is not None:
+            raise made.error
+        return made
 
-    def _more(self, until) -> StepBatch:
-        """More steps, at most as many as there may be before something has to be looked at."""
-        stepper = self.stepper
-        most = stepper.batch
-        left = self._steps_left()
-        if not stepper.system.dropped_are_zero:
-            most = min(most, stepper.rows_watched - self.record.nsteps % stepper.rows_watched)
-        forces = stepper.system if self._passes else None
-        made = stepper.steps(until, int(min(most, left)), self._with_curve, self.watch.signs, self._sees, forces)
-        return made if len(made.t) <= left else made.first(left)  # a start makes several
-
-    def _started(self) -> StepBatch:
-        """The batch of steps of a start."""
-        stepper = self.stepper
-        if self.method.max_steps is not None:
-            stepper.unseen = stepper.unseen[: self._steps_left()]
-        states = list(stepper.unseen)
-        curve = stepper.curve_of_start() if self._with_curve and states else None
-        return StepBatch.of(states, [0] * len(states), curve)
-
-    def _steps_left(self):
+    def _steps_left(self) -> int | None:
         most = self.method.max_steps
-        return np.inf if most is None else most - self.record.nsteps
+        return None if most is None else most - self.record.nsteps
 
-    def _event_in(self, batch):
-        """The first event in these steps that changes the run, recorded up to it; None if there is none."""
-        if not self.watch.signs or batch.error:
-            return None
-        try:
-            hit = self.watch.first(self.stepper)
-        except BaseException:  # of a user's function: the steps before are kept
-            self.record.add(batch.first(batch.before(self.watch.signs.end)))
-            raise
-        if hit is not None:
-            _, t, state, _ = hit
-            self.record.add(batch.cut(self._with_curve, t, *state))
-        return hit
-
-    def _add(self, batch) -> None:
-        self.record.add(batch)
-        if batch.error is not None:
-            raise batch.error
-        self.t = self.stepper.t
-
-    def _rows_are_due(self) -> bool:
-        return self.record.nsteps % self.stepper.rows_watched == 0
+    def _require_progress(self, slow: bool) -> None:
+        left = self._steps_left()
+        if left is not None and left <= 0:
+            reached = self.record.reached
+            raise Stop(FAILED, f"max_steps = {self.method.max_steps} used up at t = {reached:.6g} of {self.t_end:.6g}")
+        if slow and (self.stepper.steps_to_come > constant("ENDLESS") or jumping(self.stepper)):
+            raise Stop(FAILED, failure_report(self.stepper, FAILURES["chatters"]))
 
     def _other_rows(self) -> bool:
-        """Choose other constraint rows if the kept ones have become a poor choice; the run then restarts there."""
-        fresh = self.stepper.system.reselected(self.stepper.p)
+        """Start again with other constraint rows if the kept ones have become a poor choice."""
+        stepper = self.stepper
+        fresh = stepper.system.reselected(stepper.p)
         if fresh is None:
             return False
         self.record.complete_multipliers()  # by the rows that were kept until here
+        p, v = stepper.p, stepper.v
         if self.watch.modes is None:
-            self.stepper.change_system(fresh)
-            return True
-        self.stepper.change_system(self.watch.modes.rebased(self.stepper.t, fresh.base))
-        self.watch.enter_mode(self.stepper)
-        state = self.stepper.t, *self._state()
-        lam = self.stepper.index1.acceleration(*state)[1]
-        self.watch.restart(*state, lam)
+            stepper.change_system(fresh)
+        else:
+            stepper.change_system(self.watch.modes.rebased(self.t, fresh.base))
+            self.watch.enter_mode()
+            self.watch.restart(self.t, p, v, stepper.index1.acceleration(self.t, p, v)[1])
+        self.start(p, v)
         return True
 
-    def _stop_without_progress(self) -> None:
-        record = self.record
-        most = self.method.max_steps
-        if most is not None and record.nsteps >= most:
-            raise Stop(FAILED, f"max_steps = {most} used up at t = {record.reached:.6g} of {self.t_end:.6g}")
-        if self._pace.lost(record.nsteps, self.t, self.t_end, partial(jumping, self.stepper)):
-            raise Stop(FAILED, failure_report(self.stepper, FAILURES["chatters"]))
-
-    def _stop_if_interrupted(self) -> None:
-        if self._interrupted():
-            raise KeyboardInterrupt
-
-    def _after_change(self, jumped: bool, other_rows: bool) -> Start | Resumption:
-        """How the run goes on where forces may have `jumped`, or `other_rows` of the constraints were chosen.
-
-        Where rates of constraints jump, too, it starts from the velocities projected onto the new rates: the effect of
-        an impulse along the constraints.
-        """
-        stepper = self.stepper
-        system = stepper.system
-        t = self.t
-        p, v = self._state()
-        unpushed = Start(p, v, None, jumped) if other_rows else Resumption(jumped)
-        if not (jumped and system.moving):
-            return unpushed
-        phi = system.constraint(t, p, system.rate(t, p, v))[0]
-        if largest(phi) > CLOSED * (1.0 + largest(p)):
-            row = system.describe_row(int(np.argmax(np.abs(phi))))
-            raise PinconsistError(f"the run cannot continue at t = {t:.6g}: {row} jumps there, by {largest(phi):.3g}")
-        p, pushed = stepper.index1.projected(t, p, v)
-        if largest(pushed - v) <= STILL * (1.0 + largest(v)):
-            return unpushed
-        known = stepper.index1.acceleration(t, p, pushed)
-        self.record.jump(t, p, pushed, known[1])
-        self.watch.restart(t, p, pushed, known[1])
-        return Start(p, pushed, known)
-
-    def _after_events(self, fired, t, state, final) -> Start:
-        """The start after events; Stop if one ends the run."""
+    def _after_events(self, fired, at, ends) -> None:
+        """Start again after events; Stop if one ends the run."""
         stepper = self.stepper
         record = self.record
         watch = self.watch
-        p, v, lam = state
+        self.t, p, v, lam = at
+        t = self.t
         ended = watch.ended(fired)
         fired = [i for i in fired if i < len(watch.events)]
         events = [watch.events[i] for i in fired]
-        self.t = t
-        before = watch.of_multipliers(t, p, v, lam) if watch.modes is not None else {}
-        if final:
+        if watch.modes is not None:
+            watch.found.keep_of_multipliers(t, p, v, lam)
+        if ends:
             names = " and ".join(event.name or "without a name" for event in events if event.terminal)
             raise Stop(STOPPED, f"stopped by the event {names} at t = {t:.6g}")
         moved = False
@@ -400,13 +301,15 @@ class March:
             p, v = self._other_modes(t, p, v, ended)
         known = stepper.index1.acceleration(t, p, v)
         record.jump(t, p, v, known[1])
-        why = watch.restart_after(fired, moved, stepper.system, t, p, v, known, record.forward)
+        why = watch.restart_after(fired, moved, stepper, t, p, v, known, record.forward)
         if why:
             raise Stop(FAILED, why)
-        hit = watch.passed(before, fired, t, p, v, known[1])
-        if hit is not None:
-            return self._after_events(*hit)
-        return Start(p, v, known)
+        if watch.modes is not None:
+            hit = watch.found.passed(fired, t, p, v, known[1])
+            if hit is not None:
+                self._after_events(*hit)
+                return
+        self.start(p, v, known)
 
     def _other_modes(self, t, p, v, ended):
         """Position and velocity after a change of the modes of contacts."""
@@ -421,5 +324,5 @@ class March:
         if modes.system is not stepper.system:
             self.record.complete_multipliers()
             stepper.change_system(modes.system)
-        self.watch.enter_mode(stepper)
+        self.watch.enter_mode()
         return stepper.index1.projected(t, p, v)

@@ -11,7 +11,7 @@ from ..engine.bdf import MAX_ORDER
 from ..engine.consistency import MODES, check_mode
 from ..engine.norms import EPS
 from ..engine.radau_table import STAGES
-from ..engine.rounding import ENDLESS, shortest_step
+from ..engine.rounding import shortest_step
 from ..errors import InputError, warn
 from ..mechanism.checks import finite_array
 from .control import ErrorControl, FixedStep
@@ -127,7 +127,7 @@ class Options:
         if step < shortest_step(*span):
             raise InputError(f"step = {step:g} s is too small to differ from zero at t = {max(map(abs, span)):g} s")
         steps = abs(span[1] - span[0]) / step
-        if self.max_steps is None and steps > ENDLESS:
+        if self.max_steps is None and steps > constant("ENDLESS"):
             raise InputError(f"step = {step:g} s makes {steps:.1g} steps until t = {span[1]:g} s; set max_steps to try")
         return step
 

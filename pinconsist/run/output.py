@@ -2,13 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import repeat
 
 import numpy as np
 
 from ..errors import PinconsistError, UserFunctionError
-from .dense import DenseOutput, StepBatch
-from .events import Event, read_only
+from .dense import DenseOutput, Made
+from .events import Event
 
 SUCCESS, STOPPED, FAILED = 0, 1, -1
 
@@ -58,34 +57,46 @@ class Record:
 
     ``finish(p, lam, v)`` returns the multipliers as the user sees them, of one row or a stack of rows;
     ``interrupted()`` says after each call of the callback whether to end the run.
+
+    Attributes
+    ----------
+    reached : float
+        The time reached, s.
+    nsteps : int
+        Number of steps.
     """
 
     def __init__(self, output: Output, t_span, finish, interrupted):
-        self.output, self.reached, self.nsteps, self._finish, self.span = output, t_span[0], 0, finish, t_span
+        self.output = output
+        self.span = t_span
+        self.reached = t_span[0]
+        self.nsteps = 0
+        self._finish = finish
         self._interrupted = interrupted
-        self.needs_curve = output.dense or output.t_eval is not None
-        self._sign = 1.0 if t_span[1] >= t_span[0] else -1.0
-        self._orders, self._curves = [], []
-        self._blocks, self._finished = [], []
-        self._due = output.t_eval  # times of rows not reached yet
+        self._orders: list = []
+        self._curves: list = []
+        self._blocks: list = []  # rows with the multipliers of the rows of constraints that are kept now
+        self._finished: list = []
         self._ordered = hasattr(output.callback, "order")
-        self._called, self._ended = 0, None  # rows of the next batch already called back, and what ends the run
+        self._ended: BaseException | None = None  # by the callback
+
+    @property
+    def at_steps(self) -> bool:
+        """Whether the rows are the ends of steps."""
+        return self.output.t_eval is None
+
+    @property
+    def due(self):
+        """The times of rows after the first one."""
+        times = self.output.t_eval
+        return times[1:] if len(times) and times[0] == self.span[0] else times
 
     def first(self, t, p, v, lam) -> None:
         """The initial row."""
-        if self._due is None or (len(self._due) and self._due[0] == t):
+        if self.at_steps or len(self.due) < len(self.output.t_eval):
             self._row(t, p, v, lam)
-            self._due = self._due if self._due is None else self._due[1:]
-        if self.output.each_step:
-            ended = self._call_back(np.array([t]), [each[None] for each in (p, v, lam)], None)[1]
-            if ended is not None:
-                raise ended
-
-    def next_stop(self, t, t_end) -> float:
-        """The first time after `t` at which a step has to end, or `t_end`."""
-        if not self.output.exact or not len(self._due):
-            return t_end
-        return min(float(self._due[0]), t_end, key=lambda time: abs(time - t))
+        if self.output.each_step and self.sees(t, p, v, lam, None):
+            raise self._ended
 
     @property
     def begun(self) -> bool:
@@ -95,7 +106,7 @@ class Record:
     @property
     def forward(self) -> bool:
         """Whether the run goes forward in time."""
-        return self._sign > 0.0
+        return self.span[1] >= self.span[0]
 
     def last(self):
         """t, p, v and λ of the last row."""
@@ -103,52 +114,39 @@ class Record:
         lam = self._finish(rows[1], rows[3], rows[2]) if self._blocks else rows[3]
         return float(rows[0]), rows[1], rows[2], lam
 
-    def add(self, batch: StepBatch) -> None:
-        """Add accepted steps, up to the one at which the callback stops the run."""
-        if not len(batch.t):
-            return
-        seen, ended = self._report(batch)
-        self._keep(batch if ended is None else batch.first(seen))
-        if ended is not None:
-            raise ended
-
-    def _keep(self, batch) -> None:
-        end = batch.t[-1]
-        self.nsteps += len(batch.t)
-        self.reached = float(end)
-        if self.output.dense:
-            self._curves.append(batch.curve)
-        if self._due is None:
-            at, lam = batch.jumps
-            if len(at) and at[0] == 0:  # at the end of the previous batch
-                self.jump(*self.last()[:3], lam[0])
-                batch.jumps = at[1:], lam[1:]
-            *rows, order = batch.with_jumps()
-            self._orders.append(order)
-            self._blocks.append(tuple(rows))
-            return
-        n = int(np.searchsorted(self._sign * self._due, self._sign * end, side="right"))
-        if n:
-            self._blocks.append((self._due[:n], *batch.curve(self._due[:n])))
-            self._due = self._due[n:]
+    def add(self, made: Made) -> None:
+        """Add steps; raises what the callback has ended them with."""
+        if len(made.rows[0]):
+            self._blocks.append(made.rows)
+            self._orders.append(made.orders)
+        if made.steps:
+            self.nsteps += made.steps
+            self.reached, size, order = made.reached
+            if self.output.dense:
+                self._curves.append(made.curve)
+            if self.output.callback is not None and not self.output.each_step:
+                self.output.callback(self.reached, size, order, made.steps)
+        if self._ended is not None:
+            raise self._ended
 
     def jump(self, t, p, v, lam) -> None:
         """The state after an event or a jump of forces: a second row at the same time; with `t_eval` the only one."""
-        if self._due is None:
+        if self.at_steps:
             self._row(t, p, v, lam)
-            self._orders.append([0])
         elif self._blocks and self._blocks[-1][0][-1] == t:
             self._blocks[-1] = tuple(each[:-1] for each in self._blocks[-1])
             self._row(t, p, v, lam)
 
     def _row(self, t, *state):
         self._blocks.append((np.array([t]), *(each[None] for each in state)))
+        self._orders.append([0])
 
     def since(self, t):
         """(t, p, v) and the order of each step after a time, the latest ones last."""
         rows, orders = [], []
+        sign = 1.0 if self.forward else -1.0
         for block, order in zip(reversed(self._blocks), reversed(self._orders), strict=False):
-            n = int(np.searchsorted(self._sign * block[0], self._sign * t, side="right"))
+            n = int(np.searchsorted(sign * block[0], sign * t, side="right"))
             rows[:0] = zip(*(each[n:] for each in block[:3]), strict=True)
             orders[:0] = order[n:]
             if n:
@@ -173,43 +171,21 @@ class Record:
 
     def steps(self, t):
         """Step and order by which each of the rows at times `t` was reached; empty if rows are not steps."""
-        if self._due is not None:
+        if not self.at_steps:
             return np.zeros(0), np.zeros(0, int)
-        return t[1:] - t[:-1], np.concatenate([np.zeros(0, int), *self._orders])
+        return t[1:] - t[:-1], np.concatenate([np.zeros(0, int), *self._orders[1:]])
 
     def dense(self):
         """The continuous solution, if requested."""
         return DenseOutput(self._curves) if self._curves else None
 
-    def _report(self, batch):
-        if self.output.each_step:
-            return self._call_back(batch.t, batch.states, batch.order)
-        if self.output.callback is not None:
-            start = batch.t[-2] if len(batch.t) > 1 else self.reached
-            self.output.callback(batch.t[-1], abs(batch.t[-1] - start), int(batch.order[-1]), len(batch.t))
-        return len(batch.t), None
-
     def sees(self, t, p, v, lam, order) -> bool:
-        """Call the user's callback with a step before its batch is added; returns whether it ends the run."""
+        """Call the user's callback with the end of a step; returns whether it ends the run."""
         row = p, v, self._finish(p, lam, v)
         for each in row:
             each.setflags(write=False)
-        self._called, self._ended = self._called + 1, self._called_back((t, *row), order if self._ordered else None)
+        self._ended = self._called_back((t, *row), order if self._ordered else None)
         return self._ended is not None
-
-    def _call_back(self, times, states, orders):
-        """Call the user's callback with each row; returns the number of rows called, and what ends the run or None."""
-        seen, ended, (p, v, lam) = self._called, self._ended, states
-        self._called, self._ended = 0, None
-        if ended is None and seen < len(times):
-            left = (read_only(each[seen:]) for each in (p, v, self._finish(p, lam, v)))
-            rows = zip(times[seen:].tolist(), *left, strict=True)
-            orders = repeat(None) if orders is None or not self._ordered else orders[seen:]
-            for row, order in zip(rows, orders, strict=False):
-                seen, ended = seen + 1, self._called_back(row, order)
-                if ended is not None:
-                    break
-        return seen, ended
 
     def _called_back(self, row, order):
         """Call the user's callback with a row; returns the reason to end the run there, or None."""
@@ -220,11 +196,11 @@ class Record:
             if callback(*row):
                 return Stop(STOPPED, f"stopped by the callback at t = {row[0]:.6g}")
             return KeyboardInterrupt() if self._interrupted() else None
+        except PinconsistError as error:
+            return error
         except Exception as error:
-            if isinstance(error, PinconsistError):
-                return error
-            told = UserFunctionError("the callback", row[0], error)
-            told.__cause__ = error
-            return told
+            raised = UserFunctionError("the callback", row[0], error)
+            raised.__cause__ = error
+            return raised
         except BaseException as error:
             return error

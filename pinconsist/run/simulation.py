@@ -69,9 +69,8 @@ def simulate(
         See :class:`Event`; plain functions ``g(t, q, v, lam)`` may carry ``terminal``, ``direction``, ``apply``.
     callback : callable, optional
         ``callback(t, q, v, lam)`` after every accepted step; a true value stops the run. If it has an attribute
-        ``order``, that is set to the order of the step first (0: the start of BDF). Unless forces or constraints are
-        user-defined functions, up to 50 ms of further steps may have been made by then; if the callback stops the run,
-        they are discarded, but counted in ``nfev``, ``njev`` and ``nlu``.
+        ``order``, that is set to the order of the step first (0: the start of BDF). The next step is made when it has
+        returned.
     consistency : {"every-step", "initial", "exact"}
         ``"every-step"``: every accepted step is projected onto the hidden constraint, multipliers have full order
         throughout. ``"initial"``: the starting velocities are made numerically consistent (Arévalo 2008), nothing

@@ -35,10 +35,6 @@ class StageCurve(Curve):
         """Of a step: start, size, number of stages; p and v there; accelerations of stages; p and v at its end."""
         return self._steps.step(i)
 
-    def _cut(self, last, end):
-        ends = np.append(self.ends[:last], end)
-        return StageCurve(self._steps.first(last + 1), self.start, ends, self.system, self._sampler)
-
     def __call__(self, times):
         found = self._sampling().rows(self._steps, self.holders(times), times)
         if isinstance(found, int):

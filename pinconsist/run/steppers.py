@@ -1,26 +1,39 @@
-"""The steppers: runs of BDF and of Radau IIA whose steps are made in C++; events and records stay in Python."""
+"""The steppers: runs of BDF and of Radau IIA whose steps are made in C++."""
 
 from abc import ABC, abstractmethod
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..engine import bdf, constant, required
+from ..engine import bdf, required
 from ..engine.charts import longest_step, turning_coordinates
 from ..engine.consistency import consistent_velocities
 from ..engine.failure import FAILURES, culprits
 from ..engine.index1 import Index1, NotFiniteError, singular_message
+from ..engine.norms import largest
 from ..engine.systems import blank_system, compiled_system, with_all_rows
 from ..errors import PinconsistError, SingularSystemError
 from ..mechanism.mode_system import ModeSystem
-from .dense import StepBatch, Tables
+from .dense import Made, Tables
 from .stage_curve import StageCurve
 
 
 def stepper_for(system, method, compiled=None) -> "Stepper":
     """The stepper of a method; of a system in C++, if it is there already."""
     return (BdfStepper if method.stages is None else RadauStepper)(system, method, compiled)
+
+
+class Advance(NamedTuple):
+    """Why the engine has returned.
+
+    ``reason`` is one of those of ``engine/run.hpp``; ``why`` says in words what has failed, or is empty; ``error`` is
+    what a user's function raised after the steps that were made, or None.
+    """
+
+    reason: str
+    why: str
+    error: BaseException | None
 
 
 class Stepper(ABC):
@@ -37,19 +50,13 @@ class Stepper(ABC):
     index1 : Index1
         The equations of index 1, for starts and events.
     batch : int
-        Steps that one call of :meth:`steps` makes at most.
-    ahead : bool
-        Whether steps may be made before events and callbacks have seen the previous ones: steps are cheap, and use no
-        user's function that an event or a callback might change.
-    rows_watched : int
-        Steps after which the choice of constraint rows is checked.
-    unseen : list of (t, p, v, λ)
-        States of a start at which events have not been evaluated yet.
+        Steps that one call of :meth:`advance` makes at most.
     newton : namespace
         The numbers nfev, njev, nlu of evaluations, Newton matrices and factorisations.
     """
 
-    batch, rows_watched = 1000, 5
+    batch = 1000
+    rows_watched = 5  # steps after which the choice of constraint rows is checked
     _core: Any = None  # the run in C++
     _compiled: Any = None  # its equations
 
@@ -58,8 +65,8 @@ class Stepper(ABC):
         self.control = method.control
         self.control.fit(system)
         self.newton = SimpleNamespace(nfev=0, njev=0, nlu=0)
-        self.unseen: list[tuple] = []
-        self._twins: dict = {} if compiled is None else {system: compiled}  # modes of contacts → compiled equations
+        # modes of contacts → their compiled equations
+        self._compiled_modes: dict = {} if compiled is None else {system: compiled}
         self.change_system(system)
 
     t = property(lambda self: self._core.t)
@@ -70,36 +77,45 @@ class Stepper(ABC):
     lam = property(lambda self: self._core.multipliers)
 
     def change_system(self, system) -> None:
-        """Continue with another system of the same sizes, from the next :meth:`begin` on; counters are kept."""
+        """Continue with another system of the same sizes, from the next :meth:`place` on; counters are kept."""
         before = self._core
         self.system = system
-        self._compiled = self._twins.get(system) or compiled_system(system)
+        self._compiled = self._compiled_modes.get(system) or compiled_system(system)
         if isinstance(system, ModeSystem):  # to which a run returns
-            self._twins[system] = self._compiled
+            self._compiled_modes[system] = self._compiled
         native = system.mechanism is not None
-        self.ahead = native and not self._compiled.calls_python
+        self._keeps_curves = native and not self._compiled.calls_python
         self.index1: Index1 = Index1(system, self._compiled)
         self._all_rows = with_all_rows(system) if native and not system.dropped_are_zero else None
         self._core = self._new_core()
         self._core.first = self.method.first_step or 0.0
         self._core.step = self.method.step or 0.0
+        self._core.moving = system.moving
+        self._core.waits = self.method.consistency == "initial"
+        if self._all_rows is not None:
+            about = system.kept.tolist(), system.scales, system.chosen_at
+            self._core.watch_rows(required().KeptRows(self._all_rows, *about), self.rows_watched)
         self._turns = None
         if before is not None:
-            self._core.stand(before.t, before.h, before.p, before.velocity)
+            self._core.take_over(before)
         if self.method.step is None:
             sizes = np.zeros(system.nx + system.nv) if before is None else before.sizes
             rtol, atol = self.control.wanted
             self._control(rtol, atol, sizes)
 
+    def ask_rows(self, times, exact) -> None:
+        """Make rows at these times only; `exact`: steps end there."""
+        self._core.ask_rows(times.tolist(), exact)
+
     def stand_for(self, system) -> None:
         """Let `system` be that of the run, whose compiled equations have been changed to have its numbers."""
         self.system = system
-        self._twins = {system: self._compiled}
+        self._compiled_modes = {system: self._compiled}
         self.index1 = Index1(system, self._compiled)
 
     def forget(self) -> None:
         """Forget the run: the next :meth:`begin` is that of a new one, of the same system."""
-        self._core.unread(self._compiled)
+        self._core.read(self._compiled)
         self._core.work()  # its counters begin anew
         self.newton.nfev = self.newton.njev = self.newton.nlu = 0
         for reason in self.control.reasons:
@@ -124,12 +140,8 @@ class Stepper(ABC):
     def close(self) -> None:
         """Release what only a run needs."""
         self._compiled = self._core = self._all_rows = None
-        self._twins = {}
+        self._compiled_modes = {}
         self.index1 = Index1(self.system)
-
-    @abstractmethod
-    def passes_changes(self, with_curve: bool) -> bool:
-        """Whether :meth:`steps` accepts ``forces``, and continues on its own at the times at which they jump."""
 
     def full_multipliers(self, p, lam, v=None):
         """The multipliers as the user sees them, of one row or a stack of rows, which have the velocities `v`."""
@@ -139,86 +151,106 @@ class Stepper(ABC):
         """The first row at which a constraint that was left out is violated, see :meth:`Index3System.opened`."""
         return self.system.opened(times, positions, self._all_rows and self._all_rows.gaps)
 
-    def signs(self, *about):
-        """The signs of events; the caller must keep their arguments alive."""
-        system, (events, multipliers, interrupted, finish, *contacts) = self.system, about
-        places = getattr(system, "kept", np.arange(system.nc)).tolist()
+    def events(self, events, interrupted, finish):
+        """The events of the run, in C++; the caller must keep these arguments alive."""
+        system = self.system
+        places = system.kept.tolist() if system.mechanism is not None else list(range(system.nc))
+        contacts = system.mechanism is not None and bool(system.mechanism.contacts)
         finish = None if system.dropped_are_zero and not contacts else finish
-        given = events, multipliers, interrupted, finish, places, system.n_multipliers
-        return required().Signs(*given, contacts[0] if contacts else None)
+        return required().Events(events, interrupted, finish, places, system.n_multipliers)
 
-    @abstractmethod
-    def begin(self, t, p, v, t_end, known=None) -> list:
-        """Start, or start again after a discontinuity.
+    def restart_events(self, events, fired, moved, t, p, v, known, forward) -> int:
+        """Take the signs after events; returns the index of one that accumulates, or -1."""
+        return events.restart_after(self._compiled, fired, moved, t, p, v, *known, forward)
+
+    def place(self, t, p, v, known=None) -> tuple:
+        """Start, or start again after a discontinuity, in the next :meth:`advance`; returns (t, p, v, λ) there.
 
         `known` are acceleration and multipliers there, if (p, v) is on the constraints already.
-
-        Returns
-        -------
-        list of (t, p, v, λ)
-            The states from `t` on; the last one is the current state of the run.
         """
-
-    def _charts(self, p):
+        if known is None:
+            if self.method.consistency == "every-step":
+                p, v = self.index1.projected(t, p, v)
+            known = self.index1.acceleration(t, p, v)
         if self._turns is None:
             self._core.turns = self._turns = turning_coordinates(self.system, p)
+        self._core.place(t, p, v, *known)
+        return t, p, v, known[1]
 
-    @abstractmethod
-    def resume(self, t_end) -> list:
-        """Continue after a jump of forces at the time reached; returns what :meth:`begin` does."""
+    def resume(self) -> None:
+        """Continue in the next :meth:`advance` where the last one has ended, with other forces, or to another end."""
+        self._core.resume_here()
 
-    def watched(self, signs) -> bool:
-        """Evaluate the signs in the unseen part of the last step until one has changed; returns whether one has."""
-        if self._core.watched(signs):
-            raise SingularSystemError(singular_message(signs.end))
-        return signs.changed
+    def advance(self, t_end, most=None, jumped=False, with_curve=False, events=None, sees=None, forces=None) -> Advance:
+        """Make steps towards `t_end`, at most `most`, until there is a reason to return; :meth:`read` gives them.
 
-    def locate(self, signs, i):
-        """The time of an event between the last two evaluations, and (p, v, λ) there."""
-        found = self._core.locate(signs, i)
-        if found is None:
-            raise SingularSystemError(singular_message(signs.end))
-        return found
-
-    def sooner(self, signs, i, limit):
-        """The same of an event that a shorter step, up to the time `limit`, shows to be earlier; None if it is not."""
-        return self._core.locate(signs, i, limit)
-
-    def steps(self, t_end, most, with_curve, signs=None, sees=None, forces=None) -> StepBatch:
-        """Accepted steps towards `t_end`, at most `most`, with their polynomials where requested.
-
-        They end where `signs`, if not None, have changed. ``sees(t, p, v, λ, order)``, if not None, is called with each
-        step before the next is made; a true value ends the batch. `forces`, if not None, gives the times before `t_end`
-        at which forces jump.
+        Parameters
+        ----------
+        t_end, most : float, int
+        jumped : bool
+            Forces have jumped since the last call.
+        with_curve : bool
+            Keep the polynomials of the steps.
+        events : Events, optional
+            They are looked for, and found in order of time; :attr:`hit` has those that change the run.
+        sees : callable, optional
+            ``sees(t, p, v, λ, order)`` is called with each step; a true value ends the call.
+        forces : Index3System, optional
+            Gives the times at which forces jump, and makes them jump.
         """
-        t_old = self.t
-        return self._batch(self.made(t_end, most, with_curve, signs, sees, forces), t_old, with_curve)
+        most = self.batch if most is None else min(most, self.batch)
+        reason, failure, error = self._core.advance(
+            self._compiled, t_end, most, jumped, with_curve, events, sees, forces
+        )
+        why = self._counted(failure)
+        if reason == "started":
+            states = self._core.history
+            self._core.take_velocities(np.array(consistent_velocities(self.index1, states, self.h, self._trial())))
+        return Advance(reason, why, error or self._error_of(reason, failure, why))
 
-    def made(self, t_end, most, with_curve, signs, sees, forces) -> tuple:
-        """The same, as C++ returns them: the time in here is that without Python."""
-        return self._core.run(self._compiled, t_end, most, with_curve, signs, sees, forces)
+    def _error_of(self, reason, failure, why) -> PinconsistError | None:
+        """The error for failures that are not those of a step."""
+        if failure == "singular_between":
+            return SingularSystemError(singular_message(self._core.singular_at))
+        if failure == "constraint_jumps":
+            system = self.system
+            phi = system.constraint(self.t, self.p, system.rate(self.t, self.p, self.v))[0]
+            row = system.describe_row(int(np.argmax(np.abs(phi))))
+            return PinconsistError(
+                f"the run cannot continue at t = {self.t:.6g}: {row} jumps there, by {largest(phi):.3g}"
+            )
+        if reason == "no_start":
+            kind = NotFiniteError if failure == "not_finite" else PinconsistError
+            return kind(f"the run cannot start at t = {self.t:.6g}: {why}")
+        return None
+
+    @property
+    def hit(self) -> tuple:
+        """Indices of the events at which the run has stopped, (t, p, v, λ) there, and whether they end it."""
+        return self._core.hit
+
+    @property
+    def steps_to_come(self) -> float:
+        """The number of steps up to the end, by the pace of the last ones, where the engine found the run slow."""
+        return self._core.to_come
+
+    def read(self) -> Made:
+        """What was made since the last call."""
+        steps, rows, orders, curves = self._core.read(self._compiled)
+        for array in rows:  # passed to users' functions
+            array.flags.writeable = False
+        return Made(steps, rows, orders, curves and self._curve(*curves), self._core.reached)
 
     def reach(self, t_end, jumped, forces):
-        """Integrate to a time without returning the steps: (t, p, v) there, or None; see :meth:`unread`."""
+        """Integrate to a time without returning the steps: (t, p, v) there, or None."""
         reached = self._core.reach(self._compiled, t_end, self.batch, jumped, forces)
         if reached is not None:
             for state in reached[1:]:
                 state.setflags(write=False)
         return reached
 
-    def unread(self) -> StepBatch:
-        """The steps of :meth:`reach` since the last call of this method; the run is at their end."""
-        return self._batch(self._core.unread(self._compiled), self.t, False)
-
-    def _batch(self, made, t_old, with_curve) -> StepBatch:
-        """The batch of the steps made last, which begin at `t_old`; the run is at its end."""
-        failure, error, t, p, v, lam, h, k, polynomials, jumps = made
-        why = self._counted(failure)
-        curve = self._curve(t_old, t, h, k, polynomials) if with_curve and len(t) else None
-        return StepBatch(t, p, v, lam, k, curve, why, error, jumps)
-
     @abstractmethod
-    def _curve(self, t_old, t, h, k, polynomials):
+    def _curve(self, starts, ends, polynomials):
         """The polynomials of steps."""
 
     def _counted(self, failure) -> str:
@@ -230,7 +262,7 @@ class Stepper(ABC):
         newton.nlu += nlu
         for reason, count in zip(reasons, rejected, strict=False):  # a fixed step rejects nothing
             reasons[reason] += count
-        why = FAILURES[failure] if failure else ""
+        why = FAILURES.get(failure, "")
         return why + culprits(self.system, *self._core.culprit) if failure == "not_finite" else why
 
 
@@ -252,26 +284,6 @@ class BdfStepper(Stepper):
         order, rounding = control.max_order, control.rounding
         self._core.control_error(rtol, atol, sizes, order, rounding, control.max_step, control.noise)
 
-    def passes_changes(self, with_curve):
-        method = self.method
-        return not with_curve and method.step is None and method.first_step is None and not self.system.moving
-
-    def begin(self, t, p, v, t_end, known=None):
-        self._charts(p)
-        if known is None and self.method.consistency == "every-step":
-            p, v = self.index1.projected(t, p, v)
-        a, lam = known or self.index1.acceleration(t, p, v)
-        failure, states = self._core.begin(self._compiled, t, p, v, a, lam, t_end)
-        if failure:
-            why = self._counted(failure)
-            kind = NotFiniteError if failure == "not_finite" else PinconsistError
-            raise kind(f"the run cannot start at t = {t:.6g}: {why}")
-        if too_fast := self._turns_too_far():
-            raise PinconsistError(f"the run cannot start at t = {t:.6g}: {too_fast}")
-        if self.method.consistency == "initial":
-            self._core.take_velocities(np.array(consistent_velocities(self.index1, states, self.h, self._trial())))
-        return states
-
     def _trial(self):
         """(t, p, v) at the end of an uncorrected first step."""
         p, v, failure = self._core.trial()
@@ -280,36 +292,11 @@ class BdfStepper(Stepper):
             raise SingularSystemError(f"the trial step from t = {self.t:.6g} with h = {self.h:.3g} failed: {why}")
         return self.t + self.h, p, v
 
-    def resume(self, t_end):
-        return self.begin(self.t, self.p, self.v, t_end)
-
-    def watched(self, signs):
-        """The same, at the states of a start first."""
-        while self.unseen:
-            if 0.0 in signs.values:
-                beside = signs.end + constant("NUDGE") * (self.unseen[0][0] - signs.end)
-                if signs.look(beside, *self._core.inside(beside)):
-                    return True
-            if signs.look(*self.unseen.pop(0)):
-                return True
-        return super().watched(signs)
-
-    def curve_of_start(self) -> Tables:
-        """The polynomial of the starting history."""
-        core = self._core
-        end = np.array([core.t])
-        return Tables(
-            t_old=np.array([core.t_old]), ends=end, t=end, h=np.array([core.used_h]), k=np.array([core.points - 1]),
-            base=core.base[None], Z=core.Z[None], system=self.system,
-            chart_points=self._chart_points,
-        )  # fmt: skip
-
-    def _curve(self, t_old, t, h, k, polynomials):
-        base, Z = polynomials
-        starts = np.append(t_old, t[:-1])
+    def _curve(self, starts, ends, polynomials):
+        t, h, k, base, Z = polynomials
         base = base.reshape(len(t), -1)
         Z = Z.reshape(len(t), bdf.ROWS, -1)
-        return Tables(starts, t, t, h, k, base, Z, self.system, self._chart_points)
+        return Tables(starts, ends, t, h, k, base, Z, self.system, self._chart_points)
 
     def _counted(self, failure):
         why = super()._counted(failure)
@@ -346,31 +333,12 @@ class RadauStepper(Stepper):
 
     def _forget_functions(self):
         """Curves outlive the run if they hold no user-defined function."""
-        if not self.ahead:
+        if not self._keeps_curves:
             self._sampler.clear()
 
     def close(self):
         super().close()
         self._forget_functions()
 
-    def passes_changes(self, with_curve):
-        return not self.system.moving  # the velocities may jump with a constraint
-
-    def begin(self, t, p, v, t_end, known=None):
-        """Start or restart at a state, which is projected onto the constraints; no history is needed."""
-        if known is None:
-            p, v = self.index1.projected(t, p, v)
-            known = self.index1.acceleration(t, p, v)
-        self._charts(p)
-        self._core.begin(self._compiled, t, p, v, *known, t_end)
-        return [(t, p, v, known[1])]
-
-    def resume(self, t_end):
-        if not self._core.jump():
-            self.index1.acceleration(self.t, self.p, self.v)  # says why
-        if self.method.step is not None:
-            self._core.divide(t_end)
-        return [(self.t, self.p, self.v, self.lam)]
-
-    def _curve(self, t_old, t, h, k, polynomials):
-        return StageCurve(polynomials, t_old, t, self.system, self._sampler)
+    def _curve(self, starts, ends, polynomials):
+        return StageCurve(polynomials, starts[0], ends, self.system, self._sampler)

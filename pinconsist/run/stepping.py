@@ -22,7 +22,7 @@ from ..mechanism.rank import require_nonsingular
 from ..mechanism.system import MechanismSystem
 from .discrete import Discrete, StepLinearization
 from .events import EventWatch, as_events
-from .integrate import March, Resumption, Start, march, modes_of, start_in_modes, trajectory_of
+from .integrate import March, modes_of, start_in_modes, trajectory_of
 from .numbers import Numbers
 from .options import Options, positive_time, without_backend
 from .output import STOPPED, SUCCESS, Output, Record, Stop
@@ -179,8 +179,8 @@ class Simulation:
         self._watch = EventWatch(self._events, self._stepper, bool, modes)
         self._begins(system, t, q, v, like)
         self._changing = system if len(system.changing) > 1 + len(self._actuators) else None  # besides by `control`
-        plain = not self._events and not contacts and self._step is None and system.dropped_are_zero
-        self._quick = plain and self._stepper.passes_changes(False)
+        plain = not self._events and not contacts and self._step is None
+        self._quick = plain and system.dropped_are_zero and not system.moving
 
     def _begins(self, system, t, q, v, like=None):
         """A run of the stepper that will begin at a state."""
@@ -295,7 +295,7 @@ class Simulation:
             jumped, (t, q, v) = False, self._place
         if self._resumes and self._quick:
             reached = None
-            try:  # as `march` does, without events or records
+            try:  # as `March` does, without events or records
                 reached = self._stepper.reach(t_end, jumped, self._changing)
             finally:
                 if reached is None:
@@ -307,7 +307,11 @@ class Simulation:
         span, resumes, self._resumes = (t, t_end), self._resumes, False
         try:
             run = March(self._stepper, span, self._method, self._record, self._watch, bool)
-            march(run, Resumption(jumped) if resumes else Start(q, v))
+            if resumes:
+                self._stepper.resume()
+            else:
+                run.start(q, v)
+            run.to_end(jumped)
             self._resumes = True
         except Stop as stop:
             self._message = str(stop)
@@ -364,12 +368,13 @@ class Simulation:
     def _again(self, start, t_end):
         """The steps from a state (t, q, v) to a time, made once more under what is held."""
         stepper, steps = stepper_for(self._stepper.system, self._options.for_span((start[0], t_end))), []
-        stepper.begin(*start, t_end)
+        stepper.place(*start)
         while stepper.t != t_end:
-            batch = stepper.steps(t_end, stepper.batch, True)
-            if batch.failure:
-                raise PinconsistError(f"the last step cannot be linearised: {batch.failure}")
-            steps += [Step.of(batch.curve, i) for i in range(len(batch.t))]
+            made = stepper.advance(t_end, with_curve=True)
+            if made.error is not None or made.why:
+                raise PinconsistError(f"the last step cannot be linearised: {made.error or made.why}")
+            curve = stepper.read().curve
+            steps += [Step.of(curve, i) for i in range(len(curve.ends))]
         stepper.close()
         return steps
 
@@ -380,7 +385,7 @@ class Simulation:
 
     def _keep(self):
         if self._quick and self._resumes:
-            self._record.add(self._stepper.unread())
+            self._record.add(self._stepper.read())
 
     def _begin(self):
         t, q, v = self._place
