@@ -14,7 +14,7 @@ from pinconsist.paper.index1 import acceleration, right_hand_side
 from .peers.problem import Problem
 
 TOLERANCES = (1e-9, 1e-11, 1e-13)
-MOST = 100_000
+MAX_STEPS = 100_000
 """Evaluations at the first tolerance."""
 WORTH_IT = 10
 """A finer tolerance, for which an order of 8 needs twice the work, is given up at so many times that of the coarser:
@@ -36,7 +36,7 @@ class DenseReference:
 
     def __init__(self, problem: Problem):
         self.problem, self.system = problem, problem.system
-        found, most = [], MOST
+        found, most = [], MAX_STEPS
         for tol in TOLERANCES:
             run, spent = self._dense(tol, most)
             if run is None:

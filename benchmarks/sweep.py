@@ -124,23 +124,23 @@ def threads(until, method, repeats=7, cases=40) -> Threads:
 
 def _free_share(work, cases) -> float:
     """The share of the time in the loop around the steps, which holds no lock of Python's."""
-    inside, made = [], Stepper.made
+    inside, advance = [], Stepper.advance
 
-    def timed(*arguments):
+    def timed(*arguments, **named):
         begun = time.thread_time()
         try:
-            return made(*arguments)
+            return advance(*arguments, **named)
         finally:
             inside.append(time.thread_time() - begun)
 
-    Stepper.made = timed
+    Stepper.advance = timed
     try:
         begun = time.thread_time()
         for case in cases:
             work(case)
         return sum(inside) / (time.thread_time() - begun)
     finally:
-        Stepper.made = made
+        Stepper.advance = advance
 
 
 # fmt: off

@@ -21,7 +21,7 @@ from .peers.problem import Problem, SolverFailed
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
 FINEST = 1e-6
 """Error in q to which methods of fixed step are run."""
-FEWEST, MOST = 125, 1_000_000
+FEWEST_STEPS, MOST_STEPS = 125, 1_000_000
 """Steps of a method of fixed step: it takes up to four times as many from run to run, until they reach FINEST."""
 LEAST = 0.05
 """s that a timed run takes, by repetition."""
@@ -166,8 +166,8 @@ def _tolerances(problem, peer, tolerances, reference, budget):
 
 def _fixed_steps(problem, peer, tolerances, reference, budget):
     """(solve or None, None, Point) of more and more steps, until FINEST is met or a run would be cut."""
-    steps, before = FEWEST, None
-    while steps <= MOST:
+    steps, before = FEWEST_STEPS, None
+    while steps <= MOST_STEPS:
         solve, point, spent = _first_run(problem, peer, steps, reference, budget)
         yield solve, None, replace(point, steps=steps)
         if spent >= budget or point.q <= FINEST:

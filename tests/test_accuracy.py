@@ -52,7 +52,7 @@ def test_fixed_steps_are_halved(method):
 
 def test_the_verdict_says_if_the_error_is_not_estimated(monkeypatch):
     sol = pc.simulate(pc.load("four_bar"), (0.0, 0.5))
-    monkeypatch.setattr("pinconsist.run.solution.PATIENCE", 0.0)
+    monkeypatch.setattr("pinconsist.run.solution.FINER_TIME", 0.0)
     late = sol.check()
     assert late.ok and late.error is None and late.verdict.endswith(": ok; not judged: error")
     assert "a finer run takes more than 0 s of processor time; check(error=True) waits for it" in str(late)

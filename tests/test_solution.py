@@ -75,7 +75,7 @@ def test_a_page_is_not_green_about_what_was_not_judged(monkeypatch):
     mech = pc.load("four_bar")
     sol = pc.simulate(mech, (0.0, 0.2))
     with monkeypatch.context() as impatient:
-        impatient.setattr("pinconsist.run.solution.PATIENCE", 0.0)
+        impatient.setattr("pinconsist.run.solution.FINER_TIME", 0.0)
         assert sol.check().ok and sol.certificate.not_judged == ["error"]
     assert verdicts(runs_of(mech, sol)) == [{"text": sol.certificate.verdict, "ok": False}]
     assert sol.check(error=True).not_judged == [] and verdicts(runs_of(mech, sol))[0]["ok"]

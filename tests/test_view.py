@@ -24,7 +24,7 @@ from pinconsist.view.commands import plane_normal
 from pinconsist.view.motion import MAX_FRAMES, Run, body_poses, in_world, playing_times
 from pinconsist.view.picture import picture
 from pinconsist.view.plots import BOTH, pictures_of
-from pinconsist.view.shapes import CLOSED, GROUND, JOINT, RAIL, covering, link_ends, simple_shapes, skeleton
+from pinconsist.view.shapes import GROUND, JOINT, LOOP, RAIL, covering, link_ends, simple_shapes, skeleton
 from pinconsist.view.visuals import visuals
 
 LENGTH = 0.7
@@ -224,7 +224,7 @@ COLOURED = ["andrews", "crank_rocker", "five_bar", "flyball_governor", "four_bar
 def test_bodies_that_meet_have_different_colours(name, shapes):
     mech = load(name)
     poses = body_poses(mech.model, start(mech))
-    common = {JOINT, GROUND, RAIL, CLOSED, 0x8C949E, 0x333840}  # and steel and dark of the files
+    common = {JOINT, GROUND, RAIL, LOOP, 0x8C949E, 0x333840}  # and steel and dark of the files
     points = {joint: in_world(poses[:, joint], [np.zeros(3), *ends])[0] for joint, ends in link_ends(mech).items()}
     colors = {joint: {shape.color for shape in shapes(mech) if shape.node == joint} - common for joint in points}
     meeting = [

@@ -15,7 +15,7 @@ from helpers.pictures import arrow, drawn, shown, stated, track
 
 import pinconsist as pc
 from pinconsist.mechanism.loops import Loop
-from pinconsist.view.arrows import FORCE, LONGEST
+from pinconsist.view.arrows import ARROW_LENGTHS, FORCE
 from pinconsist.view.arrows import stated as stated_amount
 
 WEIGHT = 3.0  # kg
@@ -59,7 +59,7 @@ def test_arrows_are_the_reactions_the_largest_too():
     np.testing.assert_allclose(vector * stated(page), force, rtol=5e-3, atol=1e-2)
     assert page["cuts"] == [] and "force on the rocker_bar" in [each["text"] for each in page["legend"]]
     longest = np.linalg.norm(vector, axis=1).max()
-    assert longest == pytest.approx(page["view"]["size"] * LONGEST[FORCE], rel=0.3)
+    assert longest == pytest.approx(page["view"]["size"] * ARROW_LENGTHS[FORCE], rel=0.3)
     data = mech.model.createData()
     for row in (0, 20, 50):
         pin.framesForwardKinematics(mech.model, data, sol.q[row])

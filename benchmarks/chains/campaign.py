@@ -19,7 +19,7 @@ from .scenes import random_chain
 
 FINE, REFUSED, OPEN, FALSE, FOREIGN, HUNG = "fine", "refused", "loop open", "FALSE REFUSAL", "TRACEBACK", "HUNG"
 FAILURES = (OPEN, FALSE, FOREIGN, HUNG)
-CLOSED = 1e-10
+CLOSED_GAP = 1e-10
 """Gap of a loop, relative to the largest coordinate, above which a success is none."""
 ROWS = 100
 """Rows that are compared, evenly spread, the first and the last among them."""
@@ -97,7 +97,7 @@ def judged(run: Run, until: float) -> Run:
         return replace(run, outcome=FOREIGN, message=traceback.format_exc(limit=-3), reference=reference.why)
     seconds = time.perf_counter() - start
     gap, errors = compared(sol, reference)
-    outcome = FINE if gap <= CLOSED else OPEN
+    outcome = FINE if gap <= CLOSED_GAP else OPEN
     if not sol.success:
         outcome = _refused(reference, sol.t[-1], until)
     errors = {name: error / run.tol for name, error in errors.items()}

@@ -20,7 +20,7 @@ from ..mechanism.system import MechanismSystem
 from .variations import step_sizes
 
 SINGULAR = 1e-10  # 1 / (|B| |B⁻¹|) below which a position counts as singular
-LONGEST = 0.6  # rad, or lengths of the mechanism: largest motion of a joint in a step
+LONGEST_MOTION = 0.6  # rad, or lengths of the mechanism: largest motion of a joint in a step
 SHORTEST = 1e-8  # of the coordinates: shortest step, unless it leads away from a singular position
 OUTWARD = 1e-4  # relative to that: shortest step away from a singular position
 MISS = 0.25  # relative to the step: largest first correction of the prediction
@@ -28,9 +28,9 @@ SHRINK = 0.25  # largest ratio of successive corrections
 AIM = 0.5  # relative to MISS: first correction that the next step size aims at
 LEAST, FURTHER = 0.1, 4.0  # smallest and largest ratio of successive step sizes
 ENOUGH = 3e-9  # rad, or lengths: after such a correction, Newton's error is rounding
-MOST = 8  # corrections
+CORRECTIONS = 8  # corrections
 TRIES = 400  # steps; paths that need more follow a singular position
-NUMBERS = (LONGEST, SHORTEST, MISS, SHRINK, AIM, LEAST, FURTHER, ENOUGH, MOST)
+NUMBERS = (LONGEST_MOTION, SHORTEST, MISS, SHRINK, AIM, LEAST, FURTHER, ENOUGH, CORRECTIONS)
 
 
 class Coordinates:

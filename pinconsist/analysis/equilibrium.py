@@ -29,8 +29,8 @@ MAX_ITERATIONS = 200
 MAX_NUDGES = 20
 FLOOR = 1e-14  # relative to the balanced forces: rounding
 BALANCED = 1e-9  # relative to the balanced forces: accepted residual if rounding prevents a smaller one
-LONGEST = 0.5  # rad, or lengths of the mechanism: longest step
-NUDGE = 0.05  # rad, or lengths: displacement from an unstable equilibrium
+LONGEST_STEP = 0.5  # rad, or lengths of the mechanism: longest step
+DISPLACEMENT = 0.05  # rad, or lengths: displacement from an unstable equilibrium
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +226,7 @@ class _Place:
         if not (values < -noise).any():
             return None
         dq = self.Z @ vectors[:, 0]
-        return self._moved(NUDGE * dq / np.max(np.abs(dq) / self.sizes)) or self
+        return self._moved(DISPLACEMENT * dq / np.max(np.abs(dq) / self.sizes)) or self
 
     def following(self, downhill: bool):
         """The next place of the descent, or of Newton's method, with the step halved until it improves; or None."""
@@ -237,9 +237,9 @@ class _Place:
         elif (values > noise).all():
             y = -np.linalg.solve(self.stiffness, self.push)
         else:
-            y = -vectors @ (vectors.T @ self.push / np.maximum(np.abs(values), max(noise, steep / LONGEST)))
+            y = -vectors @ (vectors.T @ self.push / np.maximum(np.abs(values), max(noise, steep / LONGEST_STEP)))
         dq = self.Z @ y
-        dq *= min(1.0, LONGEST / max(np.max(np.abs(dq) / self.sizes), 1e-300))
+        dq *= min(1.0, LONGEST_STEP / max(np.max(np.abs(dq) / self.sizes), 1e-300))
         for share in 0.5 ** np.arange(40):
             new = self._moved(share * dq)
             if new is None:

@@ -13,7 +13,7 @@ from ..mechanism.forces.held import Given
 from ..mechanism.mechanism import Mechanism, with_added_forces
 from ..mechanism.system import MechanismSystem
 
-OPEN = 1e-3  # m or rad: largest gap of a state; runs and logs are as open as their tolerance
+TOO_OPEN = 1e-3  # m or rad: largest gap of a state; runs and logs are as open as their tolerance
 
 
 class ForwardDynamics(NamedTuple):
@@ -105,7 +105,7 @@ class _Equations:
         system = self._system
         q = self._mech.configuration(q)
         phi, _ = system.loop_rows(q, self._t)
-        if np.abs(phi).max(initial=0.0) > OPEN:
+        if np.abs(phi).max(initial=0.0) > TOO_OPEN:
             i = int(np.argmax(np.abs(phi)))
             raise AssemblyError(
                 f"{self._mech.name}: in state {number} loop {system.rows.labels[i][0]!r} is open by {abs(phi[i]):.2g}; "

@@ -90,12 +90,12 @@ int NAME_closure(const double *motors, double *q) {
   for (k = 0; k < MOTORS; ++k) change[lead[k]] = way[k];
   for (i = 0; i < ROWS; ++i)
     for (phi[i] = 0.0, k = 0; k < MOTORS; ++k) phi[i] += J[i * NV + lead[k]] * way[k];
-  if (!((step = move(B, order, phi, change, x)) <= LONGEST)) return 1;
+  if (!((step = move(B, order, phi, change, x)) <= LONGEST_MOTION)) return 1;
   for (k = 0; k < MOTORS; ++k) change[lead[k]] = 0.0;
   for (k = 0; k < NEWTON; ++k) {
     if (rows_at(x, phi, J, B, order) != sign) return 2;
     size = move(B, order, phi, change, x);
-    if (!(size <= CLOSED || (k < NEWTON - 1 && size <= MISS * step))) return 1;
+    if (!(size <= ENOUGH || (k < NEWTON - 1 && size <= MISS * step))) return 1;
   }
   for (i = 0; i < NQ; ++i) q[i] = x[i];
   return 0;

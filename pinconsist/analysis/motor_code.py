@@ -25,7 +25,7 @@ from ..mechanism.lie import integrate
 from ..mechanism.loops import Length, Loop, Turn
 from ..mechanism.names import position_names
 from ..mechanism.rows import LoopRows
-from .coordinates import ENOUGH, LONGEST, MISS
+from .coordinates import ENOUGH, LONGEST_MOTION, MISS
 
 NEWTON = 5  # steps
 SMALLEST = 1e-13  # pivot
@@ -48,7 +48,7 @@ def to_c(act, file) -> Path:
         raise InputError(f"{mechanism.name}: {wide[0]!r} has several degrees of freedom; in C motors have only one")
     counts = {"NQ": mechanism.nq, "NV": mechanism.nv, "MOTORS": len(act.motors), "LEADS": len(chosen.columns)}
     counts |= {"FREE": len(act.free), "ROWS": (rows := len(chosen.p)), "SPACE": max(1, rows), "NEWTON": NEWTON}
-    numbers = {"LONGEST": LONGEST, "MISS": MISS, "CLOSED": ENOUGH, "SMALLEST": SMALLEST}
+    numbers = {"LONGEST_MOTION": LONGEST_MOTION, "MISS": MISS, "ENOUGH": ENOUGH, "SMALLEST": SMALLEST}
     constants = [
         f"enum {{ {_listed(counts)} }};",
         f"static const double {_listed(numbers)}, sizes[] = {{{_listed(chosen.sizes)}}};",

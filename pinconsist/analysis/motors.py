@@ -11,7 +11,7 @@ from ..errors import InputError, SingularSystemError, warn
 from ..mechanism.assembly import assemble
 from ..mechanism.checks import finite_array, number, require_mechanism, require_no_contacts
 from ..mechanism.checks import names as checked_names
-from ..mechanism.closing import NEARLY, LoopSolver
+from ..mechanism.closing import NEARLY_CLOSED, LoopSolver
 from ..mechanism.forces import Actuator, Servo
 from ..mechanism.joint_constraints import Drive
 from ..mechanism.lie import difference
@@ -22,7 +22,7 @@ from ..mechanism.rank import HELD
 from .coordinates import Coordinates
 
 NOT_CLOSED = 1e-6  # m or rad: largest gap of a configuration to start from
-OPEN = 1e-3  # largest gap of a configuration to evaluate: rows of a run are as open as its tolerance
+TOO_OPEN = 1e-3  # largest gap of a configuration to evaluate: rows of a run are as open as its tolerance
 
 
 class Motors:
@@ -182,11 +182,11 @@ class Motors:
         """Whether dropped rows are closed, and dependent motors are at their goals."""
         if self._shared:
             missed = np.abs(difference(self.mechanism.model, start, self.q)[self._columns] - way)
-            if missed.max() > NEARLY:
+            if missed.max() > NEARLY_CLOSED:
                 worst = self.motors[int(np.argmax(missed))]
                 self._reason = f"the positions contradict each other: {worst} misses its position by {missed.max():.3g}"
                 return False
-        if not self._chosen.system.dropped_are_zero and (gap := self._chosen.gap(self.q)) > NEARLY:
+        if not self._chosen.system.dropped_are_zero and (gap := self._chosen.gap(self.q)) > NEARLY_CLOSED:
             self._reason = f"rows that depended on others are open by {gap:.2g} m or rad"
             return False
         return True
@@ -235,7 +235,7 @@ class Motors:
             return q
         return self.mechanism.configuration(q, base=self.q)
 
-    def _closed(self, q, most=OPEN) -> np.ndarray:
+    def _closed(self, q, most=TOO_OPEN) -> np.ndarray:
         """A copy of :meth:`_q`; InputError for one that is open by more than `most`."""
         q = self._q(q).copy()
         if not (gap := self._chosen.gap(q)) <= most:
@@ -259,7 +259,7 @@ class Motors:
     def _basis(self, q):
         """Z and B⁻¹ of the coordinates at a closed `q`; other coordinates are chosen if B is singular."""
         phi, J = self._chosen.rows(q)
-        if not phi.dot(phi) <= OPEN**2:
+        if not phi.dot(phi) <= TOO_OPEN**2:
             self._closed(q)
         found = self._chosen.basis(J)
         if found is None and self._choose(q):

@@ -12,7 +12,7 @@ from . import output, scene
 from .scene import Text, option
 
 STEPS = (0.002, 0.0002)  # relative to the duration
-LONGEST = 10.0  # s, playing time
+PLAYING_TIME = 10.0  # s, playing time
 
 
 @scene.loads_scene
@@ -87,7 +87,7 @@ def _show(what, file, run):
         title: pc.integrate(mech, *start, consistency=mode, **options)
         for title, mode in (("from exact values", "exact"), ("from consistent values", "initial"))
     }
-    speed = max(run.h, (run.t[-1] - run.t[0]) / LONGEST)
+    speed = max(run.h, (run.t[-1] - run.t[0]) / PLAYING_TIME)
     output.written(file, lambda: write_page(file, mech, sols, speed=speed, forces=True, first=run))
 
 

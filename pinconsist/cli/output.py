@@ -35,7 +35,7 @@ ARGUMENT = re.compile(
 IGNORED = re.compile(r"\bignore ?= ?\['([^']*)'\]")
 SPELT = {"package_dirs": "package_dir"}
 
-PATIENCE = 1.0  # s before the progress bar of a run appears
+BAR_AFTER = 1.0  # s before the progress bar of a run appears
 PERIOD = 0.1  # s between its updates
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead.")]
@@ -262,7 +262,7 @@ class RunProgress:
     def __init__(self, start: float, end: float):
         self.start, self.end, self.steps = start, end, 0
         self.bar: Any = None
-        self.next_update = time.monotonic() + PATIENCE
+        self.next_update = time.monotonic() + BAR_AFTER
 
     def __enter__(self):
         return self if on_terminal() else None

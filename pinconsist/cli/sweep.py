@@ -19,7 +19,7 @@ from .scene import QUANTITY, Count, Text, Texts, option, present
 CASES = "Cases"  # panel of the help
 LOGGED = 10  # smallest number of cases for which a log gets a line for every tenth of them
 MOST_SHOWN = 5  # failed cases whose messages are printed
-MOST = 1_000_000
+MAX_CASES = 1_000_000
 DISTRIBUTIONS = {"normal": "normal:MEAN:DEVIATION", "uniform": "uniform:LOW:HIGH"}
 FORMS = "FROM:TO:STEP, VALUE,VALUE,..., normal:MEAN:DEVIATION or uniform:LOW:HIGH"
 
@@ -117,7 +117,7 @@ def cases_of(texts, count: int | None = None, seed: int | None = None):
     if seed is not None and not random:
         raise InputError("--seed is for normal: and uniform: values")
     size = math.prod(map(len, lists.values())) * (count or 1)
-    if size > MOST:
+    if size > MAX_CASES:
         raise InputError(
             f"{size} cases are more than a million; use larger steps or random samples (normal:, uniform:)"
         )
@@ -160,7 +160,7 @@ def _list(values):
         start, end, step = map(_number, values.split(":"))
     if not all(map(math.isfinite, (start, end, step))) or step == 0 or (end - start) / step < 0:
         raise InputError("the step must lead from the start to the end")
-    if (count := float((end - start) / step)) > MOST:
+    if (count := float((end - start) / step)) > MAX_CASES:
         raise InputError("that makes more than a million cases")
     return [float(start + k * step) for k in range(int(count + 1e-9) + 1)]
 

@@ -13,7 +13,7 @@ class ClosureFollower {
   static constexpr int TRIES = 400;
 
 public:
-  // `numbers`: LONGEST, SHORTEST, MISS, SHRINK, AIM, LEAST, FURTHER, ENOUGH, MOST.
+  // `numbers`: LONGEST_MOTION, SHORTEST, MISS, SHRINK, AIM, LEAST, FURTHER, ENOUGH, CORRECTIONS.
   ClosureFollower(MechanismSystem &system, std::vector<int> coordinates, const Vec &sizes, const std::array<double, 9> &numbers)
       : system_(system), y_(std::move(coordinates)), sizes_(sizes), numbers_(numbers), zero_(Vec::Zero(system.nv)),
         here_(system.nc), there_(system.nc) {

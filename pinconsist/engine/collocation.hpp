@@ -3,7 +3,7 @@
 
 #include "index1.hpp"
 #include "stages.hpp"
-#include "unstirred.hpp"
+#include "stiff_forces.hpp"
 
 #include <memory>
 

@@ -128,7 +128,7 @@ public:
         best = order;
       }
     }
-    if (k > 2 && lower_factor > NEARLY * best_factor) {
+    if (k > 2 && lower_factor > LOWER_ORDER * best_factor) {
       best_factor = lower_factor;
       best = k - 1;
     }

@@ -119,7 +119,7 @@ public:
     }
     begin(t, p, v);
     for (const auto &members : groups_) {
-      differences(members, NUDGE, [&](const Vec &way) {
+      differences(members, ROW_STEP, [&](const Vec &way) {
         system_.integrate(p, way, there_);
         system_.constraint(t, there_, v);
         return std::pair<const Vec &, const Mat &>(system_.rho, system_.G_transposed());
@@ -137,7 +137,7 @@ public:
     Mat none;
     const double size = 1.0 + largest(v);
     for (const auto &members : groups_) {
-      differences(members, NUDGE, [&](const Vec &way) {
+      differences(members, ROW_STEP, [&](const Vec &way) {
         system_.integrate(p, way, there_);
         return second(t, there_, v, a);
       });
@@ -148,7 +148,7 @@ public:
   }
 
 private:
-  static constexpr double NUDGE = 3e-5; // rad or m: step of the differences of rows, which are exact to 2e-10 of their size
+  static constexpr double ROW_STEP = 3e-5; // rad or m: step of the differences of rows, which are exact to 2e-10 of their size
 
   std::pair<const Vec &, const Mat &> second(double t, const Vec &p, const Vec &v, const Vec &a) {
     beta_ = beta(system_, t, p, v, a);

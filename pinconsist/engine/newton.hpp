@@ -170,7 +170,7 @@ private:
       system_.position(t, base, psi_x_, c, raw_, step.p, xi_);
       step.y.head(nx) = xi_;
       step.y.tail(nv + nc) -= closing_.col(1);
-      if (gap * rate <= CLOSED) break;
+      if (gap * rate <= GAP_LEFT) break;
     }
     step.change = step.y - predicted;
     step.size = weighted_norm(step.change, weight, nv);

@@ -361,7 +361,7 @@ private:
     bool closed = false, moved = false;
     for (int turn = 0; turn < static_cast<int>(CLOSINGS) && !closed; ++turn) {
       system_.constraint(t1, p1_, v1_);
-      closed = largest(system_.phi) <= CLOSED * (1.0 + largest(p1_));
+      closed = largest(system_.phi) <= GAP_LEFT * (1.0 + largest(p1_));
       rhs_.leftCols(2).setZero();
       rhs_.col(0).tail(nc) = system_.rho;
       rhs_.col(1).tail(nc) = system_.phi;
@@ -387,7 +387,7 @@ private:
       system_.constraint(t1, p1_, v1_);
       if (largest(system_.phi) > rounding_gap(p1_, system_.G_transposed())) return Failure::not_converged;
     }
-    unstir();
+    undo_projection();
     error = modes ? error_of(modes) : 0.0;
     if (error > 1.0) return Failure::none; // a and λ are not needed
     const KKT *known = moved || !system_.rate_is_velocity ? nullptr : &kkt_; // otherwise W depends on v
@@ -395,7 +395,7 @@ private:
   }
 
   // Take back what the projection of the velocity v1_ has moved along stiff forces.
-  void unstir() {
+  void undo_projection() {
     const int nv = system_.nv, nc = system_.nc;
     has_stiff_forces_ = false;
     if (!nc || nc == nv) return;
@@ -470,7 +470,7 @@ private:
     rhs_.setZero(nv + nc, 1);
     for (int i = 0; i < nc; ++i) rhs_(nv + i, 0) = i % 2 ? 1.0 : -1.0;
     kkt_.solve(rhs_, 1.0);
-    for (int i = 0; i < nc; ++i) rhs_(nv + i, 0) = std::copysign(CLOSED * reach, rhs_(nv + i, 0)); // of the weakest rows
+    for (int i = 0; i < nc; ++i) rhs_(nv + i, 0) = std::copysign(GAP_LEFT * reach, rhs_(nv + i, 0)); // of the weakest rows
     rhs_.col(0).head(nv).setZero();
     kkt_.solve(rhs_, 1.0);
     shift_ = rhs_.col(0).head(nv);

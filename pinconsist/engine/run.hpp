@@ -19,7 +19,7 @@ enum class Reason {
   end,      // the end of the interval is reached
   event,    // an event changes the run, or ends it
   rows,     // other rows of the constraints should be kept
-  steps,    // as many steps as were asked for have been made, or PATIENCE is at its end
+  steps,    // as many steps as were asked for have been made, or LONGEST_CALL is at its end
   callback, // it ends the run
   interrupted, // a signal has come
   slow,     // Newton fails so often that the end is far away
@@ -203,7 +203,7 @@ public:
         if (is_slow(t_end)) return Reason::slow;
       }
       if (output.steps >= last) return Reason::steps;
-      if (std::chrono::steady_clock::now() - called > std::chrono::duration<double>(PATIENCE)) return Reason::steps;
+      if (std::chrono::steady_clock::now() - called > std::chrono::duration<double>(LONGEST_CALL)) return Reason::steps;
     }
   }
 
@@ -369,7 +369,7 @@ private:
   bool search_started(Events &events, const Located &state) {
     nb::gil_scoped_acquire holds;
     if (events.at_zero()) {
-      const auto beside = self().inside(events.end + NUDGE * (state.t - events.end));
+      const auto beside = self().inside(events.end + AFTER_ZERO * (state.t - events.end));
       if (events.look(beside->t, beside->p, beside->v, beside->lam) && !locate_in(events)) return false;
       if (hit) return true;
     }
@@ -386,7 +386,7 @@ private:
     events.changed = false;
     while (unseen_ > 0 && !events.changed) {
       const double at = t - used_h * (unseen_ - 1) / self().looks();
-      if (events.at_zero() && !self().look(events, events.end + NUDGE * (at - events.end))) return false;
+      if (events.at_zero() && !self().look(events, events.end + AFTER_ZERO * (at - events.end))) return false;
       if (events.changed) break;
       --unseen_;
       if (!self().look(events, at)) return false;

@@ -91,7 +91,7 @@ public:
       f_.col(i) = system_.f;
       // Loops closed to rounding are not closed further: if rows are nearly dependent, the position would move far.
       const double open = largest(system_.phi);
-      if (open <= CLOSED * (1.0 + largest(p_))) system_.phi.setZero();
+      if (open <= GAP_LEFT * (1.0 + largest(p_))) system_.phi.setZero();
       else gap = std::max(gap, open);
       const Mat &W = system_.velocity_jacobian(t, p_, v_);
       if (!right_[i].reduce(W, system_.phi, fresh, Z_[i], closing_.col(i))) return false;
@@ -185,7 +185,7 @@ private:
       spare_.resize(nc);
       states_.get(fields.phi, nc, i, spare_.data());
       const double open = largest(spare_);
-      if (open <= CLOSED * (1.0 + largest(stages_.P.col(i)))) states_.add(fields.phi, nc, i, spare_.data(), -1.0);
+      if (open <= GAP_LEFT * (1.0 + largest(stages_.P.col(i)))) states_.add(fields.phi, nc, i, spare_.data(), -1.0);
       else gap = std::max(gap, open);
     }
     if (fresh) side_by_side_ = states_.kernel().reduce(fields, states_.reduction, true);

@@ -30,7 +30,7 @@ CONSTANT(UNMOVED, 1e3); // roundings of the position that increments of v may ca
 
 // Loops and hidden constraint after a step
 CONSTANT(CLOSINGS, 4); // largest number of evaluations of the constraint alone
-CONSTANT(CLOSED, 1e-15); // gap that may remain, relative to the positions
+CONSTANT(GAP_LEFT, 1e-15); // gap that may remain, relative to the positions
 CONSTANT(GAP, 1e-13); // gap that rounding leaves in closed loops, relative to positions and W
 
 // Step size and order
@@ -39,7 +39,7 @@ CONSTANT(SAFETY, 0.8); // 0.9 rejects twice as often: as many residuals, larger 
 CONSTANT(MIN_FACTOR, 0.2); // smallest change of the step size
 CONSTANT(MAX_FACTOR, 10.0); // largest
 CONSTANT(AFTER_FAILURE, 0.25); // factor of the step size after Newton failed
-CONSTANT(NEARLY, 0.92); // the next lower order, 2 or more, is more stable: it is used if it allows this fraction of the step
+CONSTANT(LOWER_ORDER, 0.92); // the next lower order, 2 or more, is more stable: it is used if it allows this fraction of the step
 CONSTANT(SMALLEST_STEP, 16.0); // in spacings of t: a shorter step cannot be distinguished from zero
 CONSTANT(MAX_CHART_TURN, 2.5); // largest angle that a chart may span, rad: at π it wraps around
 
@@ -103,9 +103,9 @@ CONSTANT(SHORTER, 0.25); // factor by which the time after an event is shortened
 CONSTANT(ROUGHLY, 1e-7); // accuracy of an event before a Newton step, relative to the time between two evaluations
 CONSTANT(SLOPE_OVER, 1e-3); // time over which the slope of its function is measured, relative to the same
 CONSTANT(RELOCATED, 6); // times that an event just after a start is located again in a shorter step
-CONSTANT(NUDGE, 1e-6); // fraction of the time to the next evaluation after which an event that was zero has its sign
+CONSTANT(AFTER_ZERO, 1e-6); // fraction of the time to the next evaluation after which an event that was zero has its sign
 CONSTANT(HALVING, 20); // tries after which a zero is found by bisection alone
-CONSTANT(PATIENCE, 0.05); // s after which one call makes no more steps, so that interrupts are noticed
+CONSTANT(LONGEST_CALL, 0.05); // s after which one call makes no more steps, so that interrupts are noticed
 
 // Events
 CONSTANT(SAME_TIME, 1e-13); // relative: events closer than this are simultaneous

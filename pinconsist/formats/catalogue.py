@@ -49,7 +49,7 @@ _OTHERS = {
 }
 """What a user may do with files of other kinds."""
 
-MOST = 2000  # largest size of a family: its dense matrices, with several times as many rows, must fit into memory
+LARGEST_FAMILY = 2000  # links: its dense matrices, with several times as many rows, must fit into memory
 RADIUS = 0.02  # m, of a rod
 SPAN = 0.6  # distance between the ends of a chain, divided by its length
 BLUE, ORANGE, DARK, STEEL = "0.16 0.44 0.72 1", "0.93 0.52 0.14 1", "0.20 0.22 0.25 1", "0.55 0.58 0.62 1"
@@ -180,9 +180,9 @@ def _family(name: str):
     if not match:
         return None
     _, least, build = FAMILIES[match[1]]
-    n = int(match[2]) if len(match[2]) < 10 else MOST + 1
-    if not least <= n <= MOST:
-        raise InputError(f"{match[1]}_<n> needs a number from {least} to {MOST}, got {match[2]}")
+    n = int(match[2]) if len(match[2]) < 10 else LARGEST_FAMILY + 1
+    if not least <= n <= LARGEST_FAMILY:
+        raise InputError(f"{match[1]}_<n> needs a number from {least} to {LARGEST_FAMILY}, got {match[2]}")
     return build, n
 
 

@@ -17,7 +17,7 @@ from ..mechanism.forces.held import sided
 from ..run.propagator import Propagator, Step
 from .laws import WithTorques
 
-AT_ONCE = 1e-6  # of a step: times nearer than this to an end count as equal, as shorter steps would be rounding
+NEAR_END = 1e-6  # of a step: times nearer than this to an end count as equal, as shorter steps would be rounding
 
 
 @dataclass
@@ -62,9 +62,9 @@ class Leg:
         n = self._holders(times)
         starts, sizes = np.array([(self.steps[i].t_old, self.steps[i].h) for i in n]).reshape(-1, 2).T
         part = (times - starts) / sizes
-        at_end = np.abs(part - 1.0) <= AT_ONCE
+        at_end = np.abs(part - 1.0) <= NEAR_END
         n[at_end] += 1
-        inside = np.flatnonzero(~at_end & (np.abs(part) > AT_ONCE))
+        inside = np.flatnonzero(~at_end & (np.abs(part) > NEAR_END))
         return n, inside, self._propagator.again([self.steps[n[i]].ending_at(float(times[i])) for i in inside])
 
     def _states(self, times, n, inside, steps):

@@ -20,8 +20,8 @@ from .laws import Laws
 from .starts import Crossing, initial_derivatives, moved
 from .variants import Variant
 
-AT_ONCE = 1e-12  # relative difference of times that count as equal
-NUDGE = 1e-3  # rad or m, step of fourth-order differences
+EQUAL_TIMES = 1e-12  # relative difference of times that count as equal
+GRADIENT_STEP = 1e-3  # rad or m, step of fourth-order differences
 PUSH = 1e-4  # relative to the size of a coordinate, step of fourth-order differences
 PUSHED = 1e-9  # relative to velocities, smallest jump of them
 STILL = Variant("", 0.0, 1.0, None, None)  # type: ignore[arg-type]  # stands for a direction of the state
@@ -215,7 +215,7 @@ def times_of(solution, legs):
 
 def applied_at(solution, end) -> list[int]:
     """The events at a time `end` that change the state."""
-    near = AT_ONCE * max(1.0, abs(end))
+    near = EQUAL_TIMES * max(1.0, abs(end))
     events = enumerate(zip(solution._events, solution.t_events, strict=True))
     return [i for i, (event, times) in events if event.apply is not None and (np.abs(times - end) <= near).any()]
 
@@ -262,7 +262,7 @@ class Completion:
         """Derivatives of all multipliers, from those of the configuration and of the kept multipliers."""
         change = self._spread(s_lam)
         size = np.abs(s_q).max(initial=0.0)
-        dJ = 0.0 if size == 0.0 else self._along(s_q * NUDGE / size) * (size / NUDGE)
+        dJ = 0.0 if size == 0.0 else self._along(s_q * GRADIENT_STEP / size) * (size / GRADIENT_STEP)
         if not variant.keeps_rows:
             dJ = dJ + variant.derivative(lambda side: self._jacobian(side, self._q))
         dJ = dJ + np.zeros((len(self._steady), self._system.nx))
@@ -277,7 +277,7 @@ class Completion:
         kept[self._steady] = self._projected(of_steady)
         weights = np.outer(of_steady - self._projected(of_steady), self._z)
         weights += np.outer(self._u, self._inverse @ of_steady)
-        of_q = [np.sum(weights * self._along(NUDGE * unit)) / NUDGE for unit in np.eye(self._system.nx)]
+        of_q = [np.sum(weights * self._along(GRADIENT_STEP * unit)) / GRADIENT_STEP for unit in np.eye(self._system.nx)]
         own = np.zeros(len(variants))
         for i, variant in variants.moved.items():
             if not variant.inert:

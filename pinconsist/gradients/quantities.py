@@ -8,8 +8,8 @@ from ..errors import InputError
 from ..mechanism.motion import slope
 from ..run.quantities import MEANS, RANKS, Quantity, averages, next_to
 from ..run.states import states_at
-from .passes import AT_ONCE
-from .starts import NUDGE
+from .passes import EQUAL_TIMES
+from .starts import STATE_STEP
 
 
 def derivatives(found, quantity: str | Quantity) -> np.ndarray:
@@ -72,7 +72,7 @@ def _events(solution):
 def _require_no_event(found, quantity, times):
     for event, at in _events(found.solution):
         moves = event.apply is not None or event.terminal
-        near = [t for t in at if np.abs(times - t).min() <= AT_ONCE * max(1.0, abs(t))]
+        near = [t for t in at if np.abs(times - t).min() <= EQUAL_TIMES * max(1.0, abs(t))]
         if moves and near:
             raise InputError(
                 f"{quantity.text!r} is at the event {event.name!r} at t = {near[0]:.6g} s, whose time depends on the "
@@ -114,7 +114,7 @@ def _along(values, base, system, state, rates):
     q, v, lam = state
     scaled = [np.abs(rates[0])] + [np.abs(r) / (1.0 + np.abs(x)) for r, x in zip(rates[1:], (v, lam), strict=True)]
     sizes = np.max(np.hstack(scaled), axis=1, initial=0.0)
-    reach = np.where(sizes > 0.0, NUDGE / np.where(sizes > 0.0, sizes, 1.0), 0.0)
+    reach = np.where(sizes > 0.0, STATE_STEP / np.where(sizes > 0.0, sizes, 1.0), 0.0)
 
     def at(e):
         s_q, s_v, s_lam = (e * reach[:, None] * rate for rate in rates)

@@ -10,11 +10,11 @@ import numpy as np
 
 from ..errors import AssemblyError, InputError
 from ..mechanism.assembly import not_kept
-from ..mechanism.closing import CLOSED, check_closing
+from ..mechanism.closing import CLOSED_GAP, check_closing
 from ..mechanism.motion import slope
 from ..run.events import state_after
 
-NUDGE = 1e-3  # relative to the size of a state: step of fourth-order differences
+STATE_STEP = 1e-3  # relative to the size of a state: step of fourth-order differences
 SLOPE_STEP = 1e-3  # relative to a step of the run: step of the differences of an event's function
 GRAZING = 0.02  # relative to the mean slope of an event's function in the step: smallest slope of a crossing
 GAP = 1e-10  # m or rad
@@ -29,7 +29,7 @@ class Start:
         self.named = dict(base.q0) if isinstance(base.q0, Mapping) else {}
         J, E = self.solver.rows(self.q)[1], np.eye(system.nv)[~self.solver.free_columns(self.named)]
         self.A = np.vstack((J, E))
-        closed = base.q0 is None and self.solver.size(base.mechanism.guess) <= CLOSED
+        closed = base.q0 is None and self.solver.size(base.mechanism.guess) <= CLOSED_GAP
         known = base.q0 is None or bool(self.named)
         kept = not not_kept(base.mechanism, self.named, self.q)
         self.implicit = closed or (known and kept and np.linalg.matrix_rank(self.A) == system.nv)
@@ -44,7 +44,7 @@ class Start:
         s_q = np.zeros(system.nx) if stays else by_loops(variant)
         s_v = variant.derivative(lambda side: side.velocity(q, system.kept))
         if (size := np.abs(s_q).max()) > 0.0:
-            s_v = s_v + slope(lambda e: base.velocity(system.integrate(q, e * s_q), system.kept), NUDGE / size)
+            s_v = s_v + slope(lambda e: base.velocity(system.integrate(q, e * s_q), system.kept), STATE_STEP / size)
         return np.concatenate((s_q, s_v))
 
     def _by_loops(self, variant):
@@ -95,7 +95,7 @@ def moved(function, variant, base, system, t, p, v, s, rate=0.0, scale=1.0):
     def along(e):
         return function(base, t + e * rate, system.integrate(p, e * s_p), v + e * s_v)
 
-    change = slope(along, NUDGE / size) if size > 0.0 else 0.0 * along(0.0) if variant.idle else 0.0
+    change = slope(along, STATE_STEP / size) if size > 0.0 else 0.0 * along(0.0) if variant.idle else 0.0
     if not variant.idle:
         change = change + variant.derivative(lambda side: function(side, t, p, v))
     return change

@@ -29,7 +29,7 @@ UNITS |= {"kN": 1e3, "N·m": 1.0, "Nm": 1.0, "N*m": 1.0, "rad/s": 1.0, "deg/s": 
 TIMES = ("t", "time")
 PARTS = ("q", "v", "command", "torque", "force")
 IGNORED = ("a", "lam", "moment", "length", "speed")  # of tables of this package
-MOST = 1000  # rows that are judged
+MAX_ROWS = 1000  # rows that are judged
 ALIGNED = 0.5  # forces agree with others signs or axes, if their error is this part of that with ours
 
 
@@ -70,7 +70,7 @@ def read_log(mechanism, file) -> Log:
     q, missing = _positions(mechanism, sorted_by["q"], file)
     v, derived = _velocities(mechanism, time, sorted_by["v"], q if not missing else None, file)
     forces = _forces(mechanism, sorted_by["force"], file)
-    rows = np.unique(np.linspace(0, len(time) - 1, min(len(time), MOST)).astype(int))
+    rows = np.unique(np.linspace(0, len(time) - 1, min(len(time), MAX_ROWS)).astype(int))
     if len(rows) < len(time):
         notes.append(f"{len(rows)} of {len(time)} rows are judged")
     if missing:

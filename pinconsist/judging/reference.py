@@ -21,7 +21,7 @@ from ..run.simulation import simulate
 METHODS = {"Radau": (1e-10, 1e-12), "BDF": (3e-10, 1e-11)}  # tolerances; tighter ones are rounding to BDF
 ROWS = 100  # at least; up to ten times as many
 AGREED = 1e-3  # of the forces: the two methods must agree to a tenth of the smallest error that is asked for
-RANK, OPEN = 1e-9, 10.0  # least singular value of rows that are not redundant, relative; the same per m of gap
+RANK, RANK_OF_GAP = 1e-9, 10.0  # least singular value of rows that are not redundant, relative; the same per m of gap
 FEWEST = 10  # rows before they part
 
 
@@ -126,7 +126,7 @@ class Measure:
     def _multipliers(self, t, q, load) -> np.ndarray:
         """λ of smallest norm. In open loops, redundant rows have small directions along which λ means nothing."""
         phi, J = self.rows.at(self.data, q, t)
-        return np.linalg.lstsq(J.T, load, rcond=max(RANK, OPEN * float(np.abs(phi).max())))[0]
+        return np.linalg.lstsq(J.T, load, rcond=max(RANK, RANK_OF_GAP * float(np.abs(phi).max())))[0]
 
     def at_states(self, t, q, v):
         """The true joint forces of the loops at states, (n, nv), and the closed configurations nearest to them.

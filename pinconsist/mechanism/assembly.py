@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from ..errors import AssemblyError, InputError, warn
 from .checks import coordinates, number, require_mechanism
-from .closing import CLOSED, NEARLY, LoopSolver
+from .closing import CLOSED_GAP, NEARLY_CLOSED, LoopSolver
 from .correction import hint
 from .joint_constraints import Drive
 from .lie import difference, integrate
@@ -76,7 +76,7 @@ class Assembly:
         return max(self.gaps.items(), key=lambda item: item[1], default=("", 0.0))
 
 
-def assemble(mechanism, q0=None, v0=None, *, fixed=None, t: float = 0.0, tolerance: float = NEARLY) -> Assembly:
+def assemble(mechanism, q0=None, v0=None, *, fixed=None, t: float = 0.0, tolerance: float = NEARLY_CLOSED) -> Assembly:
     """Find a closed configuration near a guess, and a velocity that satisfies the constraints.
 
     Parameters
@@ -115,7 +115,7 @@ def assemble(mechanism, q0=None, v0=None, *, fixed=None, t: float = 0.0, toleran
     return assembled(LoopSolver(mechanism, number(t, "t")), q0, v0, fixed, tolerance)
 
 
-def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, advises=True) -> Assembly:
+def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY_CLOSED, advises=True) -> Assembly:
     """:func:`assemble` with a solver that the caller goes on using; `advises` searches for advice, which takes long."""
     mechanism, t = solver.mechanism, solver.t
     if not (fixed is None or isinstance(fixed, Mapping)):
@@ -142,7 +142,7 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, 
     if open_loops:
         raise _not_closed(solver, guess, best, open_loops, fixed)
     worst = max(gaps, key=gaps.__getitem__, default="")
-    if gaps and gaps[worst] > CLOSED and tolerance <= NEARLY:
+    if gaps and gaps[worst] > CLOSED_GAP and tolerance <= NEARLY_CLOSED:
         warn(
             f"{mechanism.name}: the loops contradict each other slightly: {worst!r} closes only to "
             f"{gaps[worst]:.1e} m or rad. Most likely the numbers in the file are rounded: load(…, precision=1e-6) or "
@@ -268,10 +268,10 @@ def impossible_alone(mechanism, guess, gaps, fixed, t: float = 0.0) -> dict:
     """Loop → smallest gap, for loops of `gaps` that stay open even if all other loops are cut."""
     alone = {}
     for loop in mechanism.loops:
-        if not gaps.get(loop.name, 0.0) <= CLOSED:
+        if not gaps.get(loop.name, 0.0) <= CLOSED_GAP:
             solver = LoopSolver(mechanism.with_loops(loop), t)
             gap = solver.size(solver.close(guess, solver.free_columns(fixed))[0])
-            if gap > CLOSED:
+            if gap > CLOSED_GAP:
                 alone[loop.name] = gap
     return alone
 
@@ -333,7 +333,7 @@ def _closed_far_off(solver, guess, best) -> str:
     q = best
     for _ in range(FAR_STEPS):
         phi, J = solver.rows(q)
-        if np.abs(phi).max() <= NEARLY:
+        if np.abs(phi).max() <= NEARLY_CLOSED:
             return _far_off(solver, guess, q)
         q = integrate(solver.model, q, np.linalg.lstsq(J, -phi, rcond=1e-15)[0])
         if not np.isfinite(q).all():

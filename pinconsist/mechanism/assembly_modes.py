@@ -10,14 +10,14 @@ import pinocchio as pin
 
 from ..errors import InputError
 from .assembly import assembled, not_kept
-from .closing import NEARLY, LoopSolver
+from .closing import NEARLY_CLOSED, LoopSolver
 from .lie import integrate
 from .names import BeyondLimit, beyond_limits, is_revolute, velocity_units
 from .rank import free_motions
 
-SAME = 1e-3  # relative to the size: at a double root a gap of NEARLY leaves errors of its square root
+SAME = 1e-3  # relative to the size: at a double root a gap of NEARLY_CLOSED leaves errors of its square root
 STARTS = 2000  # at most
-PATIENCE = 60, 30  # starts without a new mode after which the search ends: at least, and for each mode found
+WITHOUT_NEW = 60, 30  # starts without a new mode after which the search ends: at least, and for each mode found
 INDEPENDENT = 1e-6  # of the motions of unit length: smaller parts do not determine a joint
 
 
@@ -74,11 +74,11 @@ def assembly_modes(mechanism, q0=None, seed: int = 0) -> Modes:
     known = [places.of(first.q)]
     rng, last, starts, missed = np.random.default_rng(seed), 0, 0, 0
     largest = [2.0 * places.size if unit == "m" else pi for unit in velocity_units(mechanism.model)]
-    while starts < STARTS and starts - last < max(PATIENCE[0], PATIENCE[1] * len(found)) and free.any():
+    while starts < STARTS and starts - last < max(WITHOUT_NEW[0], WITHOUT_NEW[1] * len(found)) and free.any():
         starts += 1
         away = np.where(free, rng.uniform(-1.0, 1.0, mechanism.nv) * largest, 0.0)
         q, _ = solver.descend(integrate(mechanism.model, first.q, away), free)
-        if not solver.size(q) <= NEARLY:
+        if not solver.size(q) <= NEARLY_CLOSED:
             missed += 1
             continue
         q = _without_turns(solver, q, first.q)
@@ -107,7 +107,7 @@ def _without_turns(solver, q, near) -> np.ndarray:
     for joint in list(model.joints)[1:]:
         if is_revolute(joint) and joint.nq == 1:
             folded[joint.idx_q] -= tau * round((q[joint.idx_q] - near[joint.idx_q]) / tau)
-    return folded if solver.size(folded) <= NEARLY else q
+    return folded if solver.size(folded) <= NEARLY_CLOSED else q
 
 
 class _Places:

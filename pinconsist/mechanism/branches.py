@@ -8,7 +8,7 @@ from .lie import difference, integrate
 SAMPLES = 200  # positions at which the rank is measured at least
 NEAR = 1e-3  # of the largest of the run: disturbances of a thousandth decide the branch
 WEAK = 2e-5  # of the rows: rows that are independent by less are so because numbers are rounded
-MOST = 20  # minima that are searched for
+MAX_MINIMA = 20  # minima that are searched for
 FINER = 8  # parts of an interval in which a minimum is searched for
 
 
@@ -29,7 +29,7 @@ def branch_times(system, t, q) -> tuple[float, ...]:
         return ()
     lows = [k for k in range(1, len(some) - 1) if sizes[k - 1] > sizes[k] <= sizes[k + 1]]
     found = []
-    for k in sorted(lows, key=lambda k: sizes[k])[:MOST]:
+    for k in sorted(lows, key=lambda k: sizes[k])[:MAX_MINIMA]:
         time, size = _lowest(system, t, q, some[k - 1], some[k + 1])
         if size < NEAR * largest:
             found.append(time)

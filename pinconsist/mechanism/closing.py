@@ -9,8 +9,10 @@ from .lie import difference, integrate
 from .rank import HELD, RANK_TOLERANCE, Ranking, free_motions, row_scales
 from .rows import LoopRows
 
-CLOSED = 1e-10  # m or rad; rounding errors are far below
-NEARLY = 1e-8  # accepted with a warning: redundant loops contradict each other slightly if a file's numbers are rounded
+CLOSED_GAP = 1e-10  # m or rad; rounding errors are far below
+NEARLY_CLOSED = (
+    1e-8  # accepted with a warning: redundant loops contradict each other slightly if a file's numbers are rounded
+)
 MAX_ITERATIONS = 200
 RESTARTS = 8
 MAX_CORRECTIONS = 30
@@ -74,7 +76,7 @@ class LoopSolver:
         if known is not None and self.size(known[0]) <= known[2]:  # many runs start from the same guess
             return known[0].copy(), known[1]
         best, total = self._closed(guess, free)
-        if (size := self.size(best)) <= NEARLY:
+        if (size := self.size(best)) <= NEARLY_CLOSED:
             closed.clear()
             closed[place] = best.copy(), total, size
         return best, total
@@ -83,7 +85,7 @@ class LoopSolver:
         best, total = self.descend(guess, free)
         rng = np.random.default_rng(0)
         for _ in range(RESTARTS):
-            if self.size(best) <= NEARLY:
+            if self.size(best) <= NEARLY_CLOSED:
                 break
             nudge = np.where(free, rng.uniform(-0.5, 0.5, self.model.nv), 0.0)
             other, iterations = self.descend(integrate(self.model, guess, nudge), free)
@@ -131,7 +133,7 @@ class LoopSolver:
         """
         way = np.where(free, 0.0, difference(self.model, q, goal))
         length = np.abs(way).max(initial=0.0)
-        if self.size(q) > CLOSED or not 0.0 < length <= MOST_STRIDES * STRIDE:
+        if self.size(q) > CLOSED_GAP or not 0.0 < length <= MOST_STRIDES * STRIDE:
             return None
         share, left = min(1.0, STRIDE / length), 1.0
         while left > 0.0:

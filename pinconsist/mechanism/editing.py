@@ -10,7 +10,7 @@ import pinocchio as pin
 from ..errors import InputError, warn
 from .assembly import assemble, impossible_alone
 from .checks import function_name, places, several
-from .closing import CLOSED, LoopSolver, steady
+from .closing import CLOSED_GAP, LoopSolver, steady
 from .correction import Walk
 from .forces import Actuator, Bushing, FluidDrag, Piecewise, SpringDamper, Torque, Wrench
 from .forces.force import ForceRecord
@@ -91,7 +91,7 @@ def reanchored(mechanism, q=None):
     while True:  # first the loops that cannot close alone; then, if others stay open, those too
         gaps = solver.gaps(best)
         worst = max((gaps[name] for name in anchored), default=0.0)
-        to_move = to_move or {name for name in anchored if worst > CLOSED and gaps[name] > 1e-3 * worst}
+        to_move = to_move or {name for name in anchored if worst > CLOSED_GAP and gaps[name] > 1e-3 * worst}
         if not to_move:
             break
         model, data = result.model, result.model.createData()
@@ -188,7 +188,7 @@ def _loop(loop, mechanism, smaller, locked, state):
     data = mechanism.model.createData()
     pin.computeJointJacobians(mechanism.model, data, state.full)
     gap = np.max(np.abs(LoopRows(mechanism.model, [loop]).evaluate(data, state.full)[0]))
-    if gap > CLOSED:
+    if gap > CLOSED_GAP:
         raise InputError(
             f"{mechanism.name}: with {', '.join(locked)} locked, loop {loop.name!r} would stay open by {gap:.3g} "
             "(m or rad). Lock the joints in a closed configuration, q = pinconsist.assemble(mechanism).q"

@@ -8,7 +8,7 @@ from .motion import Motion
 
 PARTS = 10  # samples of each interval
 SEEN = 0.02  # of the largest value: what deviates by less from a curve through the ends of the intervals is smooth
-MOST = 30  # intervals, those with the largest deviations
+MAX_INTERVALS = 30  # intervals, those with the largest deviations
 
 
 def brief_times(system, t, q, v, intervals) -> np.ndarray:
@@ -37,7 +37,7 @@ def brief_times(system, t, q, v, intervals) -> np.ndarray:
     largest = np.abs(values).max(axis=0, initial=0.0)
     off = (off / np.where(largest > 0.0, largest, 1.0)).max(axis=1)
     by_interval = off[:-1].reshape(intervals, PARTS).max(axis=1)
-    worst = np.argsort(by_interval)[-MOST:]
+    worst = np.argsort(by_interval)[-MAX_INTERVALS:]
     chosen = np.sort(worst[by_interval[worst] > SEEN])
     return np.unique(times[(chosen[:, None] * PARTS + np.arange(PARTS + 1)).ravel()])
 

@@ -37,7 +37,7 @@ from .wrenches import Transmission, loop_wrenches
 
 AXES = ("world", "anchor")
 JOINT_AXES = ("world", "joint")
-NEARLY = 2e-5
+NEARLY_SINGULAR = 2e-5
 """Relative singular value below which rows are independent only because numbers of a file are rounded.
 
 Measured: 4e-6 and 3e-7 at the shins of ``cassie``. The smallest values of well-determined forces are 1.7e-4, at a foot
@@ -509,11 +509,11 @@ def _nearly_dependent(rows: LoopRows, J) -> dict[str, float]:
     if not len(kept := ranking.kept):
         return {}
     scaled = (J / ranking.scales[:, None])[kept]
-    if (sizes := np.linalg.svd(scaled, compute_uv=False))[-1] >= NEARLY * sizes[0]:
+    if (sizes := np.linalg.svd(scaled, compute_uv=False))[-1] >= NEARLY_SINGULAR * sizes[0]:
         return {}
     shares, sizes, _ = np.linalg.svd(scaled)
     found: dict[str, float] = {}
-    for k in np.flatnonzero(sizes < NEARLY * sizes[0])[::-1]:
+    for k in np.flatnonzero(sizes < NEARLY_SINGULAR * sizes[0])[::-1]:
         for name, part in rows.slices.items():
             its = (kept >= part.start) & (kept < part.stop)
             if np.linalg.norm(shares[its, k]) > SHARE:

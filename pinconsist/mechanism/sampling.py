@@ -14,7 +14,10 @@ from itertools import pairwise
 import numpy as np
 
 EPS = float(np.finfo(float).eps)
-FEWEST, MOST = 1999, 9973  # samples of a span; primes, so that they do not meet the zeros of a fast oscillation
+FEWEST_SAMPLES, MOST_SAMPLES = (
+    1999,
+    9973,
+)  # samples of a span; primes, so that they do not meet the zeros of a fast oscillation
 APART = 0.9727e-3  # s, between samples, where their number allows it; no part of usual periods
 COARSER = 4  # ratio of the distances of samples at which differences are taken
 COARSEST = 30  # samples of a span, at least
@@ -63,7 +66,7 @@ def changes(function, t0: float, t1: float, n: int) -> list[Change]:
 
 def samples_of(length: float) -> int:
     """The number of samples of a span of this length, s."""
-    return int(min(max(FEWEST, length / APART), MOST))
+    return int(min(max(FEWEST_SAMPLES, length / APART), MOST_SAMPLES))
 
 
 def continues(function, t: float, step: float) -> bool:

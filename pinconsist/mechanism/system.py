@@ -23,10 +23,10 @@ from .mechanism import Mechanism
 from .names import velocity_names
 from .rows import KeptRows
 
-OPEN = 1e-6  # gap of a dropped row, relative to the mechanism's size, that shows that it was needed
+DROPPED_GAP = 1e-6  # gap of a dropped row, relative to the mechanism's size, that shows that it was needed
 NEAR = np.array([1e-8, 1e-6, 1e-4, 1e-3])  # changes of velocity, relative to the largest, over which jumps are sought
 JUMP = 1e-3  # smallest jump, relative to the force
-AT_ONCE = 1e-9  # relative difference of times below which changes count as simultaneous
+SIMULTANEOUS = 1e-9  # relative difference of times below which changes count as simultaneous
 NEARBY = 1e-3  # rad and m: distance at which the rank of the loops is checked around a position with dependent rows
 WEAK = 0.2  # smallest singular value of the kept rows, relative to that of all rows, below which others are chosen
 
@@ -116,9 +116,9 @@ class MechanismSystem(Index3System):
     def next_change(self, t, t_end):
         times = [force.next_change(t) for force in self.changing]
         if len(times) > 1:
-            near = (1.0 + AT_ONCE) * min([abs(time - t) for time in times])
+            near = (1.0 + SIMULTANEOUS) * min([abs(time - t) for time in times])
             times = [max([time for time in times if abs(time - t) <= near], key=lambda time: abs(time - t))]
-        return times[0] if times and (1.0 + AT_ONCE) * abs(times[0] - t) < abs(t_end - t) else t_end
+        return times[0] if times and (1.0 + SIMULTANEOUS) * abs(times[0] - t) < abs(t_end - t) else t_end
 
     def change(self, t, p, v):
         changed = [each.change(t, p, v) for each in self.changing]
@@ -323,10 +323,10 @@ class MechanismSystem(Index3System):
             return None
         suspects = range(len(times))
         if gaps is not None:
-            suspects = np.flatnonzero((np.abs(gaps(times, configurations)) / self.scales).max(axis=1) > OPEN)
+            suspects = np.flatnonzero((np.abs(gaps(times, configurations)) / self.scales).max(axis=1) > DROPPED_GAP)
         for i in suspects:
             phi = np.abs(self.loop_rows(configurations[i], times[i])[0]) / self.scales
-            if phi.max() > OPEN + 100 * phi[self.kept].max(initial=0.0):  # interpolation opens all rows alike
+            if phi.max() > DROPPED_GAP + 100 * phi[self.kept].max(initial=0.0):  # interpolation opens all rows alike
                 return int(i), float((phi * self.scales).max()), self.rows.labels[int(np.argmax(phi))]
         return None
 

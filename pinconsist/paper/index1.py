@@ -22,7 +22,7 @@ from ..errors import AssemblyError, InputError, PinconsistError
 from .step import State, factorised, kkt_matrix, solved
 
 PROJECTIONS = 20  # iterations of a projection, at most
-CLOSED = 1e-15  # gap relative to the position that is rounding
+GAP_LEFT = 1e-15  # gap relative to the position that is rounding
 TURN = 1.0  # rad, or m: the most that a position moves in one chart
 CHOICES = 100  # times in a reference solution at which the choice of constraint rows is checked
 
@@ -78,7 +78,7 @@ def projected(system, t, p, v) -> State:
         phi = system.constraint(t, p, system.rate(t, p, v))[0]
         shift = velocity_shift(system, t, p, v, phi)
         p = system.integrate(p, system.rate(t, p, v - shift) - system.rate(t, p, v))
-        if np.abs(phi).max() <= CLOSED * (1.0 + np.abs(p).max()):
+        if np.abs(phi).max() <= GAP_LEFT * (1.0 + np.abs(p).max()):
             break
     gap = np.abs(system.constraint(t, p, system.rate(t, p, v))[0]).max(initial=0.0)
     if gap > 1e-10 * (1.0 + np.abs(p).max()):

@@ -18,7 +18,7 @@ from ..mechanism.system import MechanismSystem
 from .accuracy import OFF, GlobalError, accelerations, figure, global_error, measured, work_of
 from .contact_results import row_units
 
-OPEN = 1e-8  # m or rad, and m/s or rad/s: a loop with a larger gap is open
+OPEN_LOOP = 1e-8  # m or rad, and m/s or rad/s: a loop with a larger gap is open
 UNCLEAR = 0.1 * OFF  # an energy balance that is off by more may be so because rows are few
 CONTACT = re.compile(
     "floor|contact pair|colliding|static collision"
@@ -206,9 +206,9 @@ class Certificate:
         if self.ended_early:
             advice = "the run could not continue, see its message"
             found["the end"] = "the run ended early, see its message"
-        if _above(self.position, OPEN):
+        if _above(self.position, OPEN_LOOP):
             found["loops"] = f"a loop is open by {self.position:.1e} {self.units[0]}".rstrip()
-        if _above(self.velocity, max(OFF * self.speed, OPEN)):
+        if _above(self.velocity, max(OFF * self.speed, OPEN_LOOP)):
             found["velocities"] = f"the velocities open a loop by more than 1 % of the largest: {advice}"
         if _above(self._of_forces, OFF):
             found["forces"] = (
@@ -341,7 +341,7 @@ def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
         if mechanism is None:
             label = system.describe_row(row)
         else:
-            if position > OPEN and row < mechanism.nc:  # the compiled rows are valid near closed loops only
+            if position > OPEN_LOOP and row < mechanism.nc:  # the compiled rows are valid near closed loops only
                 row = np.argmax(gaps := np.abs(system.loop_rows(solution.q[i], solution.t[i])[0]))
                 position = float(gaps[row])
             what = "loop" if row < mechanism.nc else "contact"

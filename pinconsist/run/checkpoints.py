@@ -31,7 +31,7 @@ from .simulation import integrate, simulate
 STEPS = ("h", "order")
 ROWS = ("t", "q", "v", "lam")
 COUNTERS = ("nsteps", "nfev", "njev", "nlu")
-MOST = 100_000
+MAX_PARTS = 100_000
 NOT_STORED = ("events", "dense_output")  # options of simulate whose results are not stored in the file
 OTHERS = ("mech", "t_span", "q0", "v0", "forces", "callback", *NOT_STORED)
 OPTIONS = [name for name in inspect.signature(simulate).parameters if name not in OTHERS]
@@ -129,9 +129,9 @@ class Recipe:
         if period is None:
             return [end]
         count = max(1, ceil(abs(end - start) / period - 1e-9))
-        if count > MOST:
+        if count > MAX_PARTS:
             raise InputError(
-                f"save_every = {period:g} s divides {abs(end - start):g} s into {count} parts; at most {MOST}"
+                f"save_every = {period:g} s divides {abs(end - start):g} s into {count} parts; at most {MAX_PARTS}"
             )
         sign = 1.0 if end >= start else -1.0
         return [start + sign * k * period for k in range(1, count)] + [end]

@@ -13,7 +13,7 @@ from ..engine import constant
 from ..engine.norms import EPS
 from ..errors import InputError
 
-LONGEST = 0.05  # part of the span that a step of BDF covers at most if functions of time act, as at rest
+LONGEST_OF_BDF = 0.05  # part of the span that a step of BDF covers at most if functions of time act, as at rest
 LONGEST_STAGES = 0.1  # the same of Radau, which evaluates them within the step
 BEST_OF_STAGES = 1e-12  # smallest tolerance that Radau can meet in double precision
 
@@ -93,7 +93,7 @@ class ErrorControl:
     @property
     def longest(self) -> float:
         """The part of the span that a step covers at most if functions of time act."""
-        return LONGEST if self.stages is None else LONGEST_STAGES
+        return LONGEST_OF_BDF if self.stages is None else LONGEST_STAGES
 
     def _columns(self, system, name) -> np.ndarray:
         sizes, columns = (system.nx, system.nv), np.empty(system.nx + system.nv)

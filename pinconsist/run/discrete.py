@@ -26,7 +26,7 @@ from .propagator import Propagator
 CLEARLY, ROUNDING = 0.1, 1e-9  # of unit motions: least speed of a coordinate that others do not determine
 SLANTED = 1e4  # condition of the other coordinates beyond which coordinates are chosen anew
 APART = 1e-4  # of a unit change of the state: differences of the multipliers of redundant rows
-NUDGE = 1e-3  # relative step of differences by a command, in which actuators are linear between their limits
+COMMAND_STEP = 1e-3  # relative step of differences by a command, in which actuators are linear between their limits
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -208,7 +208,7 @@ def _by_command(actuator, system, t):
     """The derivative of an actuator's force by its command, which may be at a limit."""
     held = next(each for each in system.held_forces if getattr(each, "name", "") == actuator.name)
     at = held.command(t)
-    step, own = NUDGE * (1.0 + abs(at)), {each.name: getattr(actuator, each.name) for each in fields(Actuator)}
+    step, own = COMMAND_STEP * (1.0 + abs(at)), {each.name: getattr(actuator, each.name) for each in fields(Actuator)}
     sides = []
     for sign in (1.0, -1.0):
         bound = Actuator(**own | {"control": at + sign * step}).bind(system.model)

@@ -19,7 +19,7 @@ from ..mechanism.forces.held import sided
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.reactions import JointForce, Reaction, States, joint_force, reaction
 from ..mechanism.rows import Workspace
-from .accuracy import PATIENCE, GlobalError, NotEstimatedError, accelerations, finer_run
+from .accuracy import FINER_TIME, GlobalError, NotEstimatedError, accelerations, finer_run
 from .certificate import Certificate, certify
 from .contact_results import ContactHistory
 from .quantities import Quantity, Series
@@ -198,7 +198,7 @@ class Solution(ByName):
         finer, missing = None, ""
         if error is not False:
             try:
-                finer = finer_run(self, replayed, PATIENCE if error is None else np.inf)
+                finer = finer_run(self, replayed, FINER_TIME if error is None else np.inf)
             except NotEstimatedError as why:
                 missing = str(why)
         made = certify(self, replayed, finer, missing)

@@ -204,9 +204,11 @@ class Stepper(ABC):
         )
         why = self._counted(failure)
         if reason == "started":
-            states = self._core.history
-            self._core.take_velocities(np.array(consistent_velocities(self.index1, states, self.h, self._trial())))
+            self._make_consistent()
         return Advance(reason, why, error or self._error_of(reason, failure, why))
+
+    def _make_consistent(self) -> None:
+        """Give the velocities of a start the residual of the formula; BDF alone has one."""
 
     def _error_of(self, reason, failure, why) -> PinconsistError | None:
         """The error for failures that are not those of a step."""
@@ -283,6 +285,10 @@ class BdfStepper(Stepper):
         control = self.control
         order, rounding = control.max_order, control.rounding
         self._core.control_error(rtol, atol, sizes, order, rounding, control.max_step, control.noise)
+
+    def _make_consistent(self):
+        states = self._core.history
+        self._core.take_velocities(np.array(consistent_velocities(self.index1, states, self.h, self._trial())))
 
     def _trial(self):
         """(t, p, v) at the end of an uncorrected first step."""

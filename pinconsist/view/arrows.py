@@ -21,8 +21,12 @@ WRONG, RIGHT = 0xD50000, 0x5F6B73  # colours of wrong forces, and of the true on
 TRUE, WIDE = "true: ", 2.2  # of a true force: prefix of its name; width of its arrow, relative to the one above it
 UNITS = {FORCE: "N", MOMENT: "N·m", JOINT: "N"}
 PREFIXES = ((1e7, 1e6, "M"), (1e4, 1e3, "k"))  # amounts of at least the first have this prefix, as on the page
-LONGEST = {FORCE: 0.5, MOMENT: 0.16, JOINT: 0.35}  # longest arrow, relative to the picture; shorter if parts are small
-PARTS = 0.4, 2.0  # smallest factor of LONGEST; this factor relative to the size of the parts
+ARROW_LENGTHS = {
+    FORCE: 0.5,
+    MOMENT: 0.16,
+    JOINT: 0.35,
+}  # longest arrow, relative to the picture; shorter if parts are small
+PARTS = 0.4, 2.0  # smallest factor of ARROW_LENGTHS; this factor relative to the size of the parts
 RADIUS, HEAD = 0.011, 0.1  # radius of a shaft and length of a head, relative to the longest arrow
 THINNEST = 0.55  # relative width of short arrows, so that they are visible in front of their loop
 ARC = 1.5 * np.pi  # angle of a ring, rad
@@ -177,7 +181,7 @@ def longest_arrows(mechs, actions: list[Action], size: float) -> dict[str, float
         lengths += [length for length in found if length > 0]  # a point has no size
     least, times = PARTS
     share = float(np.clip(times * np.median(lengths or [size]) / size, least, 1.0))
-    return {kind: share * size * length for kind, length in LONGEST.items()}
+    return {kind: share * size * length for kind, length in ARROW_LENGTHS.items()}
 
 
 def scale_of(kind: str, actions: list[Action], longest: float) -> Scale | None:

@@ -17,7 +17,7 @@ from .arrows import COLORS, FORCE, JOINT, MOMENT, RIGHT, UNITS, WRONG, Action
 from .commands import Node, animated, draw, floor, line, outline, stage, transform, view_axes, y_up
 from .curves import packed, panel, verdicts
 from .motion import Run, body_poses, in_world, on_joint, playing_times, point_in_world, runs_of
-from .shapes import CLOSED, LINK_COLORS, Shape, ball, bars, covering, simple_shapes, skeleton, springs
+from .shapes import LINK_COLORS, LOOP, Shape, ball, bars, covering, simple_shapes, skeleton, springs
 
 TRACES = (0x00838F, 0xBF360C, 0x33691E, 0x4527A0, 0x8D6E63)
 SEATS = {kind: "in its shell" for kind in ("point", "frame", "hinge", "universal")}
@@ -330,7 +330,7 @@ def _legend(runs, traces, forces: bool, scales, acting, not_drawn: NotDrawn) -> 
     kinds = {loop.kind for run in runs for loop in run.mech.anchored_loops}
     if kinds:
         seats = dict.fromkeys(seat for kind, seat in SEATS.items() if kind in kinds)
-        out.append({"color": CLOSED, "text": f"loop: closed where its core sits {', '.join(seats)}"})
+        out.append({"color": LOOP, "text": f"loop: closed where its core sits {', '.join(seats)}"})
     out += [_bar(kind, scale, acting) for kind, scale in scales.items() if scale]
     if any(run.true is not None for run in runs):
         out += [{"color": WRONG, "text": "from exact values"}, {"color": RIGHT, "text": "true, under the others"}]

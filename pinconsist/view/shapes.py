@@ -11,7 +11,7 @@ from ..mechanism.mechanism import Mechanism
 from .motion import anchors, bar_poses, force_points, in_world, joint_axis, point_in_world, rotation_to
 
 LINK_COLORS = (0x0072B2, 0xE69F00, 0x009E73, 0x56B4E9, 0xCC79A7, 0xB8A800)  # Okabe and Ito's, without red
-JOINT, GROUND, RAIL, CLOSED, SPRING = 0x333333, 0x555555, 0xA0A4AA, 0xD50000, 0x5D4037
+JOINT, GROUND, RAIL, LOOP, SPRING = 0x333333, 0x555555, 0xA0A4AA, 0xD50000, 0x5D4037
 LINK = 0.011  # radius of a link, relative to the size of the picture
 ROD, BARREL = 0xC2C8CE, 0.7  # colour of the rod of a cylinder; length of its barrel, relative to the shortest cylinder
 SHELL, CORE, BALL = 2.2, 0.9, 1.45  # radii of anchors 1 and 2 and of a joint, relative to that of a link
@@ -281,8 +281,8 @@ def _closures(mech: Mechanism, poses: np.ndarray, radius: float) -> list[Shape]:
     out, bar = [], mech.model.njoints
     for loop in mech.anchored_loops:
         (joint1, place1), (joint2, place2) = anchors(mech.model, loop)
-        shell = ball(joint1, place1.translation, SHELL * radius, color=CLOSED, opacity=0.35)
-        core = ball(joint2, place2.translation, CORE * radius, color=CLOSED)
+        shell = ball(joint1, place1.translation, SHELL * radius, color=LOOP, opacity=0.35)
+        core = ball(joint2, place2.translation, CORE * radius, color=LOOP)
         parts = (shell, core, *_guide(mech, loop, poses, radius))
         out += [replace(shape, on_top=1, loop=loop.name) for shape in parts]
         if loop.kind == "distance":
@@ -304,10 +304,10 @@ def _guide(mech: Mechanism, loop: Loop, poses: np.ndarray, radius: float) -> lis
     if loop.kind == "plane":
         reach = np.linalg.norm(away - along[:, None] * (end - start), axis=1).max() + SHELL * radius
         ends = [place1.translation + shift * radius * axis for shift in (-0.1, 0.1)]
-        return [cylinder(joint1, *ends, reach, color=CLOSED, opacity=0.2)]
+        return [cylinder(joint1, *ends, reach, color=LOOP, opacity=0.2)]
     low, high = min(along.min(), 0.0) - SHELL * radius, max(along.max(), 0.0) + SHELL * radius
     ends = [place1.translation + way * axis for way in (low, high)]
-    return [cylinder(joint1, *ends, 0.3 * radius, color=CLOSED)]
+    return [cylinder(joint1, *ends, 0.3 * radius, color=LOOP)]
 
 
 def springs(mech: Mechanism, poses: np.ndarray, size: float) -> list[tuple]:

@@ -17,7 +17,7 @@ from benchmarks.peers.dae_solvers import Equations
 from benchmarks.peers.problem import Peer, Problem, SolverFailed
 from benchmarks.peers.scenes import problem_of
 from benchmarks.peers.scipy_index1 import accelerations
-from benchmarks.work_precision import FEWEST, Point, _chosen, work_precision
+from benchmarks.work_precision import FEWEST_STEPS, Point, _chosen, work_precision
 from pinconsist.errors import InputError, PinconsistError
 from pinconsist.paper import reference_problem
 from pinconsist.paper.index1 import acceleration, right_hand_side
@@ -190,7 +190,7 @@ def test_methods_of_fixed_step_go_on_until_the_last_target_or_the_budget():
     problem = problem_of("problem51", 0.3)
     diagram = work_precision(problem, (1e-5,), repeats=1, methods=["fixed BDF-2, every"])
     fixed = [point for point in diagram.points if "fixed" in point.method]
-    assert fixed[0].steps == FEWEST and [point.tol == point.tol for point in fixed] == [False] * len(fixed)
+    assert fixed[0].steps == FEWEST_STEPS and [point.tol == point.tol for point in fixed] == [False] * len(fixed)
     assert fixed[-1].q < 1e-6 < fixed[-2].q and all(point.status == "done" for point in fixed)
     cut = work_precision(problem, (1e-5,), repeats=1, budget=0.02, methods=["fixed BDF-1, every"])
     assert "0.02 s" in cut.points[-1].status and not cut.points[-1].times  # foreseen, or cut
@@ -210,7 +210,7 @@ def test_words_choose_methods():
 
 def test_a_reference_that_takes_too_many_steps_is_given_up(monkeypatch):
     problem = problem_of("pendulum")
-    monkeypatch.setattr("benchmarks.dense_reference.MOST", 100)
+    monkeypatch.setattr("benchmarks.dense_reference.MAX_STEPS", 100)
     with pytest.raises(PinconsistError, match=r"pendulum: no reference: at a tolerance of 1e-09 .* earlier end"):
         DenseReference(problem)
 

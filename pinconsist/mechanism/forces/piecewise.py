@@ -17,7 +17,7 @@ from ..checks import finite_array, number, put
 from .force import BoundForce, BoundLaw, Differentiated, ForceRecord, UserForce, as_force, bound_force, label_of
 from .held import BEHIND
 
-MOST = float(np.finfo(float).max) / 2.0  # in place of infinity: its differences are finite
+UNBOUNDED = float(np.finfo(float).max) / 2.0  # in place of infinity: its differences are finite
 
 
 class BoundPiecewise(BoundForce):
@@ -84,7 +84,7 @@ class BoundPiecewise(BoundForce):
                 n += 1
             return n * self._period, (n + 1) * self._period
         i = (bisect_left if self._backwards else bisect_right)(self._times, t)
-        return self._times[i - 1] if i else -MOST, self._times[i] if i < len(self._times) else MOST
+        return self._times[i - 1] if i else -UNBOUNDED, self._times[i] if i < len(self._times) else UNBOUNDED
 
     def _inside(self, t):
         """The nearest time inside the interval, excluding its ends."""
