@@ -2,10 +2,8 @@
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import hypot
 
 import numpy as np
-import pinocchio as pin
 from scipy.linalg.lapack import dgtsv
 
 from .forces import bound_forces, unused
@@ -261,18 +259,8 @@ def measure(forces, t, q, v, workspace):
     The columns are the kinetic energy, including that of rotors, the potential energy, the sum of the absolute values
     that its terms may have, and the power and elastic energy of each compiled force.
     """
-    if (compiled := workspace.compiled()) is not None:
-        parts = compiled_forces(forces, workspace)
-        return list(parts), compiled.energies(t, q, v, list(parts.values()))
-    model, data = workspace.model, workspace.data
-    rows, weight = np.empty((len(q), 3)), hypot(*model.gravity.linear)
-    for row, p, rate in zip(rows, q, v, strict=True):
-        pin.forwardKinematics(model, data, p, rate)  # Pinocchio's energy lacks rotors of revolute joints with any axis
-        bodies = list(zip(model.inertias, data.v, data.oMi, strict=True))
-        kinetic = 0.5 * (model.armature @ rate**2 + sum(inertia.vtiv(motion) for inertia, motion, _ in bodies))
-        terms = weight * sum(inertia.mass * hypot(*pose.act(inertia.lever)) for inertia, _, pose in bodies)
-        row[:] = kinetic, pin.computePotentialEnergy(model, data, p), terms
-    return [], rows
+    parts = compiled_forces(forces, workspace)
+    return list(parts), workspace.compiled().energies(t, q, v, list(parts.values()))
 
 
 def compiled_forces(forces, workspace):
@@ -293,7 +281,7 @@ def compiled_forces(forces, workspace):
 
 
 def _brought(force, t, q, v):
-    """Power of a force without the rate of its stored energy, and its elastic energy or None, computed in Python."""
+    """Power of a user's force without the rate of its stored energy, and its elastic energy or None."""
     power = np.array([force.torque(*state) @ state[2] for state in zip(t, q, v, strict=True)])
     if not hasattr(force, "stored"):
         return power, None
@@ -304,15 +292,14 @@ def _brought(force, t, q, v):
 def torques_of(force, t, q, v, workspace):
     """τ of a force of :func:`bound_forces` at several states, shape (n, nv)."""
     compiled = workspace.compiled()
-    if compiled is not None and isinstance(force, BoundForce) and force.hand_over(compiled):
+    if isinstance(force, BoundForce) and force.hand_over(compiled):
         return compiled.torques(t, q, v)
     return np.array([force.torque(*state) for state in zip(t, q, v, strict=True)]).reshape(v.shape)
 
 
 def _time_rates(rows, t, q, workspace):
     """Φ_t of all rows of the loops: the hidden residual at rest."""
-    if (compiled := workspace.compiled()) is None:
-        return np.array([rows.time_rate(*state) for state in zip(t, q, strict=True)])
+    compiled = workspace.compiled()
     KeptRows(rows.model, rows, np.arange(rows.nc)).hand_over(compiled)
     return compiled.residuals(t, q, np.zeros((len(t), rows.model.nv)), np.zeros((len(t), rows.nc)))[1]
 

@@ -13,6 +13,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import pinocchio as pin
 
+from ..engine.systems import blank_system
 from ..errors import InputError
 from .breakpoints import NONE, Breakpoints
 from .checks import frame_of, workspace
@@ -26,14 +27,10 @@ POSE = None  # in place of a shift: all six rows of a pose
 
 
 class Workspace:
-    """Pinocchio's data of a model, created on first use and shared by many evaluations.
+    """Pinocchio's data of a model, created on first use and shared by many evaluations."""
 
-    ``compiled()`` returns an empty compiled system with this data, to which rows and forces are added and which
-    evaluates many states at once; None if there is no compiled part. `blank(model, data)` creates it.
-    """
-
-    def __init__(self, model, blank=None, data=None):
-        self.model, self._blank, self._data = model, blank, data
+    def __init__(self, model, data=None):
+        self.model, self._data = model, data
 
     @property
     def data(self) -> pin.Data:
@@ -43,7 +40,8 @@ class Workspace:
         return self._data
 
     def compiled(self) -> Any:
-        return None if self._blank is None else self._blank(self.model, self.data)
+        """An empty compiled system with this data, to which rows and forces are added: it evaluates many states."""
+        return blank_system(self.model, self.data)
 
 
 class LoopRows:

@@ -25,24 +25,13 @@ class Load(NamedTuple):
 
 def loop_wrenches(rows, closure, t, q, lam, axes, workspace):
     """[force, moment] on body 2, zero without anchors, and Jᵀλ of one loop at several states."""
-    anchored, model, compiled = isinstance(closure.loop, Loop), rows.model, workspace.compiled()
-    if compiled is not None:
-        own = rows.slices[closure.loop.name]
-        KeptRows(model, rows, range(own.start, own.stop)).hand_over(compiled)
-        joint_forces = compiled.residuals(t, q, np.zeros((len(t), model.nv)), lam)[2]
-        if not anchored:
-            return np.zeros((len(t), 6)), joint_forces
-        if not compiled.calls_python:  # rows in Python have no wrench there
-            return compiled.wrenches(t, q, lam, *closure.ends(), axes == "world"), joint_forces
-    data, wrenches, joint_forces = workspace.data, np.zeros((len(t), 6)), np.empty((len(t), model.nv))
-    for i in range(len(t)):
-        pin.computeJointJacobians(model, data, q[i])
-        joint_forces[i] = closure.evaluate(data, q[i], t[i])[1].T @ lam[i]
-        if anchored:
-            J, pose1, _ = closure.by_twist(data)
-            turn = pose1.rotation if axes == "world" else np.eye(3)
-            wrenches[i] = ((J.T @ lam[i]).reshape(2, 3) @ turn.T).ravel()
-    return wrenches, joint_forces
+    compiled = workspace.compiled()
+    own = rows.slices[closure.loop.name]
+    KeptRows(rows.model, rows, range(own.start, own.stop)).hand_over(compiled)
+    joint_forces = compiled.residuals(t, q, np.zeros((len(t), rows.model.nv)), lam)[2]
+    if not isinstance(closure.loop, Loop):
+        return np.zeros((len(t), 6)), joint_forces
+    return compiled.wrenches(t, q, lam, *closure.ends(), axes == "world"), joint_forces
 
 
 class Transmission:

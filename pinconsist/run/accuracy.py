@@ -293,7 +293,7 @@ def exact_forces(system, states, contacts=None):
 
 def _workspace(system):
     mechanism = system.mechanism
-    return None if mechanism is None else Workspace(system.model, blank_system, system.data)
+    return None if mechanism is None else Workspace(system.model, system.data)
 
 
 def work_of(finer: FinerRun) -> tuple[np.ndarray, np.ndarray]:
@@ -334,12 +334,11 @@ def measured(system, states, workspace, contacts=None):
 
 
 def _compiled(system, states, workspace):
-    """What :func:`measured` returns, computed in C++; None if that is not built, or the equations have no solution.
+    """What :func:`measured` returns, computed in C++; None if the equations have no solution.
 
     The rows are divided between threads, each with its own system, if no Python function is called.
     """
-    if (compiled := workspace.compiled()) is None:
-        return None
+    compiled = workspace.compiled()
     rows, systems = system.all_rows(), []
 
     def add(compiled):

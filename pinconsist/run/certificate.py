@@ -6,7 +6,6 @@ from dataclasses import asdict, dataclass, field, replace
 import numpy as np
 
 from ..engine.norms import largest
-from ..engine.systems import blank_system
 from ..mechanism.branches import branch_times
 from ..mechanism.energy import energy_of, event_energies
 from ..mechanism.forces.actuators import saturated
@@ -325,7 +324,7 @@ def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
         system = MechanismSystem(mechanism, solution.q[0], solution.t[0])
     elif isinstance(system, MechanismSystem):
         mechanism = system.mechanism
-    workspace = None if mechanism is None else Workspace(system.model, blank_system, system.data)
+    workspace = None if mechanism is None else Workspace(system.model, system.data)
     made = 1 + np.flatnonzero(solution.order > 0)  # by the method's own steps; with t_eval all rows count
     compared = made if len(made) else slice(None)
     t, q, v = solution.t, solution.q, solution.v
@@ -408,7 +407,7 @@ def _added(solution, energy, system) -> dict[str, float]:
     found: dict[str, float] = {}
     if energy is None or not any(each.altered for each in solution._changes):
         return found
-    _, (before, after), kinetic = event_energies(solution, system.forces, Workspace(system.model, blank_system))
+    _, (before, after), kinetic = event_energies(solution, system.forces, Workspace(system.model))
     gains = (after - before) * (1.0 if solution.t[-1] >= solution.t[0] else -1.0)
     for each, gain, size in zip(solution._changes, gains, kinetic, strict=True):
         if each.altered and gain > OFF * energy.exchanged:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..engine.systems import blank_system
 from ..errors import InputError
 from ..mechanism.checks import finite_array
 from ..mechanism.checks import name as checked_name
@@ -419,7 +418,7 @@ class Solution(ByName):
     def _workspace(self, model) -> Workspace:
         """A workspace for evaluations, which reuses that of the run if it has the same model."""
         system = self.system if self.system is not None and self.system.model is model else None
-        return Workspace(model, blank_system, system and system.data)
+        return Workspace(model, system and system.data)
 
     def _require_scene(self, mechanism, method):
         if mechanism is None and self.system is None:

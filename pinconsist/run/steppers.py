@@ -203,12 +203,7 @@ class Stepper(ABC):
             self._compiled, t_end, most, jumped, with_curve, events, sees, forces
         )
         why = self._counted(failure)
-        if reason == "started":
-            self._make_consistent()
         return Advance(reason, why, error or self._error_of(reason, failure, why))
-
-    def _make_consistent(self) -> None:
-        """Give the velocities of a start the residual of the formula; BDF alone has one."""
 
     def _error_of(self, reason, failure, why) -> PinconsistError | None:
         """The error for failures that are not those of a step."""
@@ -286,9 +281,12 @@ class BdfStepper(Stepper):
         order, rounding = control.max_order, control.rounding
         self._core.control_error(rtol, atol, sizes, order, rounding, control.max_step, control.noise)
 
-    def _make_consistent(self):
-        states = self._core.history
-        self._core.take_velocities(np.array(consistent_velocities(self.index1, states, self.h, self._trial())))
+    def advance(self, *arguments, **named):
+        made = super().advance(*arguments, **named)
+        if made.reason == "started":
+            states = self._core.history
+            self._core.take_velocities(np.array(consistent_velocities(self.index1, states, self.h, self._trial())))
+        return made
 
     def _trial(self):
         """(t, p, v) at the end of an uncorrected first step."""
