@@ -35,8 +35,7 @@ def refuse_jumps(solution, legs, base) -> None:
     for leg in legs:
         grid = _grid(leg)
         for label, force in base.index1(leg.system).system.forces.items():
-            smooth = getattr(force, "smooth", False) or getattr(force, "by_time", False) or hasattr(force, "widths")
-            if smooth or len(grid) < 2:
+            if force.smooth or force.by_time or force.widths is not None or len(grid) < 2:
                 continue
             largest = 0.0
             for part in _parts(grid, known):

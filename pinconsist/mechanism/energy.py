@@ -7,7 +7,6 @@ import numpy as np
 from scipy.linalg.lapack import dgtsv
 
 from .forces import bound_forces, unused
-from .forces.force import BoundForce
 from .forces.held import sided
 from .rows import KeptRows, LoopRows, Workspace
 
@@ -146,7 +145,7 @@ def _powers(forces, measured, t, q, v):
     power, stored = {}, {}
     for label, force in forces.items():
         power[label], elastic = measured.get(label) or _brought(force, t, q, v)
-        if hasattr(force, "stored"):
+        if force.stores:
             stored[label] = elastic
     return power, stored
 
@@ -248,7 +247,7 @@ def event_energies(solution, forces, workspace):
     labels, columns = measure(forces, twice, q, v, workspace)
     energy = columns[:, 0] + columns[:, 1] + columns[:, 4::2].sum(axis=1)
     for label in forces.keys() - set(labels):
-        if hasattr(forces[label], "stored"):
+        if forces[label].stores:
             energy += _brought(forces[label], twice, q, v)[1]
     return times, energy.reshape(-1, 2).T, columns[::2, 0]
 
@@ -272,8 +271,8 @@ def compiled_forces(forces, workspace):
     parts = {}
     for label, force in forces.items():
         compiled, spring = workspace.compiled(), None
-        if isinstance(force, BoundForce) and force.hand_over(compiled):
-            if hasattr(force, "stored"):
+        if force.hand_over(compiled):
+            if force.stores:
                 compiled, spring = workspace.compiled(), compiled
                 force.hand_over_damper(compiled)
             parts[label] = compiled, spring
@@ -283,7 +282,7 @@ def compiled_forces(forces, workspace):
 def _brought(force, t, q, v):
     """Power of a user's force without the rate of its stored energy, and its elastic energy or None."""
     power = np.array([force.torque(*state) @ state[2] for state in zip(t, q, v, strict=True)])
-    if not hasattr(force, "stored"):
+    if not force.stores:
         return power, None
     elastic, rate = np.array([force.stored(*state) for state in zip(q, v, strict=True)]).T
     return power + rate, elastic
@@ -292,7 +291,7 @@ def _brought(force, t, q, v):
 def torques_of(force, t, q, v, workspace):
     """τ of a force of :func:`bound_forces` at several states, shape (n, nv)."""
     compiled = workspace.compiled()
-    if isinstance(force, BoundForce) and force.hand_over(compiled):
+    if force.hand_over(compiled):
         return compiled.torques(t, q, v)
     return np.array([force.torque(*state) for state in zip(t, q, v, strict=True)]).reshape(v.shape)
 

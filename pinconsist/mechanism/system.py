@@ -15,7 +15,7 @@ from .breakpoints import Breakpoints
 from .checks import read_only
 from .closing import LoopSolver
 from .forces import bound_forces
-from .forces.force import BoundForce, BoundLaw, Differentiated, UserForce
+from .forces.force import BoundLaw, Differentiated, UserForce
 from .forces.held import BoundHeld
 from .forces.piecewise import BoundPiecewise
 from .lie import difference, integrate, structure_constants
@@ -56,7 +56,7 @@ class MechanismSystem(Index3System):
         self.dropped_are_zero = not dropped or self._zero_everywhere(tuple(dropped), q)
         forces = bound_forces(self.model, mechanism.forces)
         breakpoints = self.rows.breakpoints if self.rows.moving else Breakpoints()
-        breakpoints.add(force for force in forces.values() if isinstance(force, BoundForce))
+        breakpoints.add(forces.values())
         self._take(forces, breakpoints)
         self._M = self.data.M.T  # a view; M is stored by columns; its transpose, which is equal, can be added faster
         self.moving, self._J, self._solver = self.rows.moving, None, None
@@ -66,16 +66,15 @@ class MechanismSystem(Index3System):
     def _take(self, forces, breakpoints):
         self.forces, self.held_forces = forces, [each for each in forces.values() if isinstance(each, BoundHeld)]
         self.breakpoints = breakpoints
-        self.changing = [each for each in forces.values() if hasattr(each, "next_change")]
+        self.changing = [each for each in forces.values() if each.changes]
         self.changing += [breakpoints] * bool(breakpoints)
         self.changes = bool(self.changing)
-        narrow = [each.widths for each in forces.values() if hasattr(each, "widths")]
+        narrow = [each.widths for each in forces.values() if each.widths is not None]
         self.widths = np.min(narrow, axis=0) if narrow else None
-        self._sharp = [each for each in forces.values() if not getattr(each, "smooth", False)]
+        self._sharp = [each for each in forces.values() if not each.smooth]
         self.sharp = bool(self._sharp)
-        self.may_act_later = any(
-            not (hasattr(each, "widths") or getattr(each, "by_time", False)) for each in self._sharp
-        )  # friction depends on v alone, and what functions of time do is known
+        # Friction depends on v alone, and what functions of time do is known.
+        self.may_act_later = any(each.widths is None and not each.by_time for each in self._sharp)
 
     def with_velocities(self, t, p, v, named):
         solver = self._solver = self._solver or LoopSolver(self.mechanism, t)
@@ -224,7 +223,7 @@ class MechanismSystem(Index3System):
         found = {}
         for label, force in self.forces.items():
             before = compiled.number_of_forces
-            if not (hasattr(force, "hand_over") and force.hand_over(compiled)):
+            if not force.hand_over(compiled):
                 compiled.add_python_force(force)
             if compiled.number_of_forces == before + 1:
                 found[label] = before

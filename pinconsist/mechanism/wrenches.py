@@ -6,7 +6,6 @@ import numpy as np
 import pinocchio as pin
 
 from .forces import bound_forces
-from .forces.force import BoundForce
 from .loops import Loop
 from .rows import KeptRows, LoopRows
 
@@ -135,7 +134,7 @@ def _of_forces(mechanism, t, q, v) -> list[Load]:
     """The loads of forces that act on points of bodies."""
     loads = []
     for force in bound_forces(mechanism.model, mechanism.forces).values():
-        if not (isinstance(force, BoundForce) and len(t) and force.loads(t[0], q[0], v[0])):
+        if not (len(t) and force.loads(t[0], q[0], v[0])):
             continue
         states = [force.loads(*state) for state in zip(t, q, v, strict=True)]
         for ends in zip(*states, strict=True):

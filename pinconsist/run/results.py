@@ -15,7 +15,6 @@ from ..mechanism.checks import name as checked_name
 from ..mechanism.energy import torques_of
 from ..mechanism.forces import bound_forces
 from ..mechanism.forces.actuators import Actuator
-from ..mechanism.forces.force import BoundForce
 from ..mechanism.forces.held import sided
 from ..mechanism.joint_constraints import Drive
 from ..mechanism.loops import Loop
@@ -240,11 +239,7 @@ class ByName:
         joint, bound, workspace = joint_of(mechanism, label), forces[label], self._workspace(mechanism.model)
 
         def found(t, sides, q, v, at=None):
-            rows = (
-                [bound.element(*state) for state in zip(sides, q, v, strict=True)]
-                if isinstance(bound, BoundForce)
-                else []
-            )
+            rows = [bound.element(*state) for state in zip(sides, q, v, strict=True)]
             parts = {part: read_only(np.array([row[part] for row in rows])) for part in (rows[0] if rows else ())}
             torque = torques_of(bound, sides, q, v, workspace)
             torque = torque if joint is None else _of(mechanism, joint, torque)

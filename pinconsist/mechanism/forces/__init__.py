@@ -25,7 +25,7 @@ system evaluates. The equations are M v' + nle = τ + Jᵀλ, so that τ·v is t
 from .actuators import Actuator
 from .bodies import Bushing, SpringDamper, Wrench, shared_points
 from .fluids import FluidDrag, FluidEllipsoid
-from .force import Force, JointTorque, Torque, as_force, bound_force, label_of, unused
+from .force import BoundForce, Force, JointTorque, Torque, as_force, bound_force, label_of, unused
 from .held import HeldTorque, Sampled
 from .joints import JointDamping, JointFriction, JointSpring, Servo
 from .piecewise import Piecewise
@@ -43,9 +43,9 @@ def model_forces(model) -> tuple[JointDamping | JointFriction, ...]:
     return tuple(record(coefficients) for record, coefficients in own if coefficients.any())
 
 
-def bound_forces(model, forces) -> dict[str, Force]:
+def bound_forces(model, forces) -> dict[str, BoundForce]:
     """The model's own forces and the given ones, bound to the model, by unique labels; passes on their InputErrors."""
-    bound: dict[str, Force] = {}
+    bound: dict[str, BoundForce] = {}
     with shared_points():
         for force in (*model_forces(model), *forces):
             label = unused(label_of(force), bound)

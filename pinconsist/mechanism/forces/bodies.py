@@ -116,7 +116,7 @@ class Points:
 
 
 class _BoundSpring(BoundForce):
-    smooth = True
+    smooth = stores = True
 
     def __init__(self, spring, model):
         self.spring, self._points = spring, points_of(model)
@@ -240,7 +240,7 @@ class SpringDamper(_BetweenFrames):
 
 
 class _BoundBushing(BoundForce):
-    smooth = True
+    smooth = stores = True
 
     def __init__(self, bushing, model):
         self._points, self._model = points_of(model), model

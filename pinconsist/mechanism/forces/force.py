@@ -61,10 +61,14 @@ class BoundForce(ABC):
     """A record bound to a model; by default it depends on time only, and only Python can evaluate it.
 
     It is `smooth` if it never bends or jumps within a step; otherwise Radau evaluates it also between its stages.
-    `by_time` says that it bends or jumps only as its functions of time do. `breakpoints` are those of the system.
+    `by_time` says that it bends or jumps only as its functions of time do. If it `stores` elastic energy, it has
+    ``stored(q, v) -> (energy, rate)``, J and W. If it `changes` at times of its own, it has ``start(t, backwards)``,
+    ``next_change(t)`` and ``change(t, q, v)`` as a system. `widths` are those of a system, see :class:`Index3System`.
+    `breakpoints` are those of the system.
     """
 
-    smooth = by_time = False
+    smooth = by_time = stores = changes = False
+    widths: np.ndarray | None = None
     breakpoints: Breakpoints = NONE
 
     @abstractmethod
@@ -224,7 +228,7 @@ class UserForce(BoundForce):
     def __init__(self, force, label):
         self._force, self._label = force, label
         if hasattr(force, "stored"):
-            self.stored = force.stored
+            self.stores, self.stored = True, force.stored
 
     def torque(self, t, q, v):
         t = self.breakpoints.inside(t)

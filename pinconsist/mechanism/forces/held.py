@@ -22,7 +22,7 @@ class BoundHeld(BoundForce):
     before that time. With `linear`, torques are interpolated linearly.
     """
 
-    smooth = True
+    smooth = changes = True
 
     def __init__(self, nv, times=(), torques=(), sign=1.0, linear=False):
         self._nv, self._sign, self._linear, self._table = nv, sign, linear, None

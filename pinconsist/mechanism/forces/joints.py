@@ -186,6 +186,8 @@ class _BoundServo(BoundForce):
 class _BoundSpring(_BoundServo):
     """A spring: a servo with a constant target, which also stores energy."""
 
+    stores = True
+
     def __init__(self, spring, model):
         self._set(spring, model, "sprung", spring.rest, spring.damping)
 
@@ -203,6 +205,8 @@ class _BoundSpring(_BoundServo):
 
 class _BoundSum(BoundForce):
     """A spring of a sum of joints, or one that is slack between two lengths."""
+
+    stores = True
 
     def __init__(self, spring, model):
         shares = spring.joint if isinstance(spring.joint, Mapping) else {spring.joint: 1.0}
@@ -242,7 +246,7 @@ class _BoundSum(BoundForce):
 class _BoundBall(BoundForce):
     """A spring of a ball, τ = -k log(rest⁻¹ q), or of a free joint, also with -k times its displacement."""
 
-    smooth = True
+    smooth = stores = True
 
     def __init__(self, spring, model):
         i = joint_index(model, spring.joint, spring._who)

@@ -23,13 +23,16 @@ UNBOUNDED = float(np.finfo(float).max) / 2.0  # in place of infinity: its differ
 class BoundPiecewise(BoundForce):
     """A force on a model; during a run it stays in the interval that `change` has entered."""
 
+    changes = True
+
     def __init__(self, record, force):
         self._force, self._times, self._period = force, record.times, record.period
         self._backwards, self._here = False, None
         self._begun: tuple | None = None  # the start of a run that is over, and the interval that begins there
-        self.smooth, self.by_time = getattr(force, "smooth", False), getattr(force, "by_time", False)
-        if hasattr(force, "stored"):
-            self.stored = force.stored
+        self.smooth, self.by_time, self.stores = force.smooth, force.by_time, force.stores
+
+    def stored(self, q, v):
+        return self._force.stored(q, v)
 
     def torque(self, t, q, v):
         return self._force.torque(self._inside(t), q, v)
@@ -38,10 +41,10 @@ class BoundPiecewise(BoundForce):
         return self._force.derivatives(self._inside(t), q, v)
 
     def loads(self, t, q, v):
-        return self._force.loads(self._inside(t), q, v) if isinstance(self._force, BoundForce) else []
+        return self._force.loads(self._inside(t), q, v)
 
     def element(self, t, q, v):
-        return self._force.element(self._inside(t), q, v) if isinstance(self._force, BoundForce) else {}
+        return self._force.element(self._inside(t), q, v)
 
     def start(self, t, backwards) -> None:
         self._backwards, self._here = backwards, None
@@ -147,6 +150,6 @@ class Piecewise(ForceRecord):
 
     def bind(self, model) -> Any:
         force = bound_force(model, self.force, self.label)
-        if hasattr(force, "next_change"):
+        if force.changes:
             raise InputError(f"Piecewise: {self.label!r} already has times of its own at which steps end")
         return BoundPiecewise(self, force)
