@@ -12,6 +12,7 @@ from ..mechanism.assembly import assemble
 from ..mechanism.checks import finite_array, number, require_mechanism, require_no_contacts
 from ..mechanism.checks import names as checked_names
 from ..mechanism.closing import NEARLY_CLOSED, LoopSolver
+from ..mechanism.custom import Constraint
 from ..mechanism.forces import Actuator, Servo
 from ..mechanism.joint_constraints import Drive
 from ..mechanism.lie import difference
@@ -292,7 +293,7 @@ def _without_motors(mech, joints) -> Mechanism:
     loops = [loop for loop in mech.loops if not (isinstance(loop, Drive) and loop.joint in joints)]
     for loop in loops:
         still = isinstance(loop, Drive) and isinstance(loop.curve, Motion) and not any(loop.curve.numbers[1:3])
-        if (isinstance(loop, Drive) and not still) or getattr(loop, "moving", False):
+        if (isinstance(loop, Drive) and not still) or (isinstance(loop, Constraint) and loop.moving):
             raise InputError(f"{mech.name}: {loop.name!r} depends on time; name its joint among the motors, or omit it")
     forces = [force for force in mech.forces if not _on(force).intersection(joints)]
     return replace(mech, loops=tuple(loops), forces=tuple(forces))

@@ -221,9 +221,10 @@ def _ends(loop):
 def _fields(loop) -> dict:
     """The fields that define a loop, by their names in a loop file."""
     from ..mechanism.curve import Curve
+    from ..mechanism.joint_constraints import Drive
     from ..mechanism.motion import Motion
 
-    record = loop.curve if isinstance(getattr(loop, "curve", None), Motion | Curve) else loop
+    record = loop.curve if isinstance(loop, Drive) and isinstance(loop.curve, Motion | Curve) else loop
     values = {each.name: getattr(record, each.name) for each in fields(record)}
     if record is loop:
         values = {name: values[name] for name in LOOP_FIELDS if name in values}

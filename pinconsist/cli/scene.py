@@ -197,10 +197,10 @@ def assembled(mech, q0, v0=None, t=0.0):
     def positions(q, joints):
         return ", ".join(f"{joint} = {text(coordinates(mech.model, joint, q), 6)}" for joint in joints)
 
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         assembly = pc.assemble(mech, q0 or None, v0 or None, t=t)
-    with warnings.catch_warnings():  # warnings about single joints are not of interest
+    with warnings.catch_warnings():  # warnings about single joints are suppressed
         warnings.simplefilter("ignore")
         if len(q0) > 1 and not_kept(mech, q0, assembly.q, CLOSE_BY):
             alone = {joint: pc.assemble(mech, {joint: value}, t=t).q for joint, value in q0.items()}
@@ -211,7 +211,7 @@ def assembled(mech, q0, v0=None, t=0.0):
                     f"{positions(alone[first], [first])} they close at {positions(alone[first], others)}. Give fewer "
                     "joints with --at"
                 )
-    for each in told:
+    for each in caught:
         warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
     return assembly
 

@@ -3,6 +3,7 @@
 #include "closure.hpp"
 #include "collocation.hpp"
 #include "index1.hpp"
+#include "kept_rows.hpp"
 #include "measured.hpp"
 #include "rates.hpp"
 

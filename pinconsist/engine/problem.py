@@ -63,6 +63,16 @@ class Index3System:
     mechanism: Any = None
     model: Any = None
 
+    @property
+    def base(self) -> "Index3System":
+        """The equations without contacts, of which these may be one mode."""
+        return self
+
+    @property
+    def held(self) -> dict[str, np.ndarray]:
+        """The tables of torques that are held, by the labels of their forces."""
+        return {}
+
     def integrate(self, p, xi):
         """p ⊕ ξ, shape (npos,): the position reached from `p` by the tangent vector `xi`."""
         return p + xi

@@ -76,7 +76,7 @@ def reader_of(path: Path, content: bytes | None = None) -> str:
         try:
             with path.open("rb") as file:
                 head = file.read(_HEAD)
-        except (OSError, ValueError):  # the reader tells it
+        except (OSError, ValueError):  # the reader reports it
             return reader
     root = next((match for match in _ROOT.finditer(head[:_HEAD]) if match[1]), None)
     found = ROOTS.get(root[1].decode(), reader) if root else reader

@@ -112,7 +112,7 @@ def loop_entries(mechanism) -> list[dict]:
             reason = "is a user-defined function, which a file cannot store; remove it by with_loops()"
             raise InputError(f"{what} {reason}")
         entry = {"name": loop.name, "kind": loop.kind} | _fields(loop, what)
-        if isinstance(getattr(loop, "curve", None), Motion):
+        if isinstance(loop, Drive) and isinstance(loop.curve, Motion):
             entry |= entry.pop("curve")
         entries.append(entry)
     return entries

@@ -121,7 +121,7 @@ def _write_other(mechanism, path) -> Path:
             copy.write_text(text, encoding="utf-8")
             floats = kind == "sdf" and writer.floats(mechanism)
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # those of the file are told when it is loaded
+                warnings.simplefilter("ignore")  # those of the file are shown when it is loaded
                 back = read_scene(Source(copy, path.stem), free_flyer=floats)
         writer.require_same(mechanism, back)
     except InputError as error:

@@ -118,7 +118,7 @@ class MuJoCo:
         self._mujoco, self.task = mujoco, task
         self.scene = scene_of(task.mechanism, task.tilted)
         mujoco.set_mju_user_warning(lambda text: None)  # the default writes a file; unstable runs are found below
-        self._model(self.ladders()[0][0])  # what MuJoCo refuses is told now
+        self._model(self.ladders()[0][0])  # errors of MuJoCo are raised now
 
     def ladders(self) -> list[list[Setting]]:
         """Settings, each list from coarse to fine."""

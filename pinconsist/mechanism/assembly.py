@@ -117,65 +117,102 @@ def assemble(mechanism, q0=None, v0=None, *, fixed=None, t: float = 0.0, toleran
 
 def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY_CLOSED, advises=True) -> Assembly:
     """:func:`assemble` with a solver that the caller goes on using; `advises` searches for advice, which takes long."""
-    mechanism, t = solver.mechanism, solver.t
+    mechanism = solver.mechanism
     if not (fixed is None or isinstance(fixed, Mapping)):
         raise InputError(f"fixed= needs a mapping joint name → value, got {fixed!r}")
     if number(tolerance, "tolerance") <= 0:
         raise InputError(f"tolerance must be positive, got {tolerance!r}")
-    fixed, named = dict(fixed or {}), dict(q) if isinstance(q, Mapping) else {}
+    fixed = dict(fixed or {})
+    named = dict(q) if isinstance(q, Mapping) else {}
     held = {**named, **fixed}
     base = mechanism.guess.copy() if q is None or isinstance(q, Mapping) else mechanism.configuration(q)
-    start = guess = mechanism.configuration(held, base=base) if held else base
+    guess = mechanism.configuration(held, base=base) if held else base
     _warn_of_degrees(mechanism, held)
-    for joint in _driven(solver, held, guess):  # their values are those of the drives, except for rounding
-        held.pop(joint)
-        fixed.pop(joint, None)
-    if held and (moved := solver.moved(base, guess, solver.free_columns(held))) is not None:
-        start = mechanism.configuration(held, base=moved)
-    for names in (held, fixed):  # hold the named joints if the loops can close then, otherwise only the fixed ones
-        best, iterations = solver.close(start, solver.free_columns(names))
-        if names.keys() == fixed.keys() or solver.size(best) <= tolerance:
-            break
-    solver.loop_rows.check_derivatives(t, best)
+    best, iterations = _closest(solver, base, guess, held, fixed, tolerance)
+    solver.loop_rows.check_derivatives(solver.t, best)
     gaps = solver.gaps(best)
     open_loops = {name: gap for name, gap in gaps.items() if not gap <= tolerance}
     if open_loops:
         raise _not_closed(solver, guess, best, open_loops, fixed)
-    worst = max(gaps, key=gaps.__getitem__, default="")
-    if gaps and gaps[worst] > CLOSED_GAP and tolerance <= NEARLY_CLOSED:
-        warn(
-            f"{mechanism.name}: the loops contradict each other slightly: {worst!r} closes only to "
-            f"{gaps[worst]:.1e} m or rad. Most likely the numbers in the file are rounded: load(…, precision=1e-6) or "
-            "mechanism.corrected(1e-6) makes them consistent"
-        )
-    if named and (moved := not_kept(mechanism, named, best)):
-        shown = moved[:MOST_SHOWN] if len(named) > MOST_SHOWN else named
-        asked = ", ".join(f"{joint} = {_text(coordinates(mechanism.model, joint, guess))}" for joint in shown)
-        at = ", ".join(f"{joint} = {_text(coordinates(mechanism.model, joint, best))}" for joint in shown)
-        loops = "loops and drives" if solver.loop_rows.moving else "loops"
-        warn(f"{mechanism.name}: the {loops} do not close with {asked}; they do at {at}")
-    J, ranking = solver.rows(best)[1], solver.ranking(best)
-    kept, weak = ranking.kept, ranking.weak(solver.loop_rows.labels)
-    mobility = mechanism.nv - len(kept)
-    immobile = not (mobility or solver.loop_rows.moving) and bool(mechanism.anchored_loops)
-    if advises and (weak or immobile) and (advice := hint(mechanism)):
-        why = f"rank {len(kept)} and mobility {mobility} depend on rounding: {weak_text(weak)}" if weak else ""
-        warn(f"{mechanism.name}: {why or 'nothing can move'}. Most likely {advice}")
-    if advises and (far := _far_off(solver, guess, best)):
-        warn(f"{mechanism.name}: the loops close only {far}. Check lengths, units and the directions of axes")
-    if advises and (long := _long_levers(solver, guess)):
-        warn(f"{mechanism.name}: {long}")
+    if tolerance <= NEARLY_CLOSED:
+        _warn_of_gaps(mechanism, gaps)
+    _warn_of_moved_joints(solver, named, guess, best)
+    if advises:
+        _advise(solver, guess, best)
+    J = solver.rows(best)[1]
+    kept = solver.kept(best)
     return Assembly(
         q=best,
         v=velocity_on_constraints(solver, best, v),
         gaps=gaps,
         rows=len(J),
         rank=len(kept),
-        mobility=mobility,
+        mobility=mechanism.nv - len(kept),
         moved=float(np.abs(difference(mechanism.model, guess, best)).max(initial=0.0)),
         iterations=iterations,
         _rows=(J, kept, solver.loop_rows.labels),
     )
+
+
+def _closest(solver, base, guess, held, fixed, tolerance):
+    """The best configuration with the joints `held`, and the iterations; without, if the loops do not close then.
+
+    `guess` has their values, and `base` those of the other joints. Joints of drives leave `held` and `fixed`: their
+    values are those of the drives, except for rounding.
+    """
+    for joint in _driven(solver, held, guess):
+        held.pop(joint)
+        fixed.pop(joint, None)
+    moved = solver.moved(base, guess, solver.free_columns(held)) if held else None
+    start = guess if moved is None else solver.mechanism.configuration(held, base=moved)
+    best, iterations = solver.close(start, solver.free_columns(held))
+    if held.keys() != fixed.keys() and solver.size(best) > tolerance:
+        return solver.close(start, solver.free_columns(fixed))
+    return best, iterations
+
+
+def _warn_of_gaps(mechanism, gaps) -> None:
+    """Warn of loops that close, but not to rounding."""
+    worst = max(gaps, key=gaps.__getitem__, default="")
+    if gaps and gaps[worst] > CLOSED_GAP:
+        warn(
+            f"{mechanism.name}: the loops contradict each other slightly: {worst!r} closes only to "
+            f"{gaps[worst]:.1e} m or rad. Most likely the numbers in the file are rounded: load(…, precision=1e-6) or "
+            "mechanism.corrected(1e-6) makes them consistent"
+        )
+
+
+def _warn_of_moved_joints(solver, named, guess, best) -> None:
+    """Warn of joints of `named` that do not have their values."""
+    mechanism = solver.mechanism
+    moved = not_kept(mechanism, named, best) if named else []
+    if not moved:
+        return
+    shown = moved[:MOST_SHOWN] if len(named) > MOST_SHOWN else named
+    asked = ", ".join(f"{joint} = {_text(coordinates(mechanism.model, joint, guess))}" for joint in shown)
+    at = ", ".join(f"{joint} = {_text(coordinates(mechanism.model, joint, best))}" for joint in shown)
+    loops = "loops and drives" if solver.loop_rows.moving else "loops"
+    warn(f"{mechanism.name}: the {loops} do not close with {asked}; they do at {at}")
+
+
+def _advise(solver, guess, best) -> None:
+    """Warn of a rank that depends on rounding, of a mechanism that cannot move, and of places far away."""
+    mechanism = solver.mechanism
+    ranking = solver.ranking(best)
+    weak = ranking.weak(solver.loop_rows.labels)
+    rank = len(ranking.kept)
+    mobility = mechanism.nv - rank
+    immobile = not (mobility or solver.loop_rows.moving) and bool(mechanism.anchored_loops)
+    advice = hint(mechanism) if weak or immobile else ""
+    if advice:
+        why = f"rank {rank} and mobility {mobility} depend on rounding: {weak_text(weak)}" if weak else ""
+        warn(f"{mechanism.name}: {why or 'nothing can move'}. Most likely {advice}")
+    far = _far_off(solver, guess, best)
+    if far:
+        warn(f"{mechanism.name}: the loops close only {far}. Check lengths, units and the directions of axes")
+    long = _long_levers(solver, guess)
+    if long:
+        warn(f"{mechanism.name}: {long}")
 
 
 def _warn_of_degrees(mechanism, named) -> None:

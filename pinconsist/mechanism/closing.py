@@ -5,6 +5,8 @@ from scipy.linalg import qr
 
 from ..errors import InputError
 from .checks import workspace
+from .custom import Constraint
+from .joint_constraints import Drive
 from .lie import difference, integrate
 from .rank import HELD, RANK_TOLERANCE, Ranking, free_motions, row_scales
 from .rows import LoopRows
@@ -25,7 +27,7 @@ PARTED = 1e-7  # relative to Φ_θ: largest part that no motion can compensate
 
 def steady(loops) -> list:
     """The loops that do not depend on time."""
-    return [loop for loop in loops if not (loop.kind == "drive" or getattr(loop, "moving", False))]
+    return [loop for loop in loops if not (isinstance(loop, Drive) or (isinstance(loop, Constraint) and loop.moving))]
 
 
 class LoopSolver:

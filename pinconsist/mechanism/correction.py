@@ -20,6 +20,7 @@ from .description import digests
 from .lie import difference, integrate
 from .loops import anchor
 from .rank import ROUNDED, row_scales
+from .rows import AnchoredRows
 
 _WEAK = (30.0, 3.0)  # how many errors may add up in a row of J; both values are tried
 _REACH = 0.4  # rad and m, distance between configurations of the walk
@@ -239,7 +240,7 @@ class Walk:
         P = np.zeros((rows.nc, n + 2 * len(rows.loops), 6))
         joints = [data.oMi[model.parents[j]] * model.jointPlacements[j] for j in range(1, n + 1)]
         for number, closure in enumerate(rows.closures):
-            if not hasattr(closure, "place1"):
+            if not isinstance(closure, AnchoredRows):
                 continue
             by_twist, pose1, pose2 = closure.by_twist(data)
             R = pose1.rotation.T

@@ -12,7 +12,7 @@ import pinocchio as pin
 from .checks import workspace
 from .forces import bound_forces
 from .names import position_names, position_units
-from .rows import LoopRows
+from .rows import AnchoredRows, LoopRows
 
 WIDTH = 100  # characters of a line
 SIZE, MARGIN = 320.0, 24.0  # pixels
@@ -88,7 +88,7 @@ def svg_of(mechanism) -> str:
     lines = [(joints[model.parents[i]], joints[i], "body") for i in range(1, model.njoints) if model.parents[i]]
     anchors, tips = [], set(range(1, model.njoints)) - set(model.parents)
     for closure in LoopRows.of(mechanism).closures:
-        if hasattr(closure, "joint1"):
+        if isinstance(closure, AnchoredRows):
             ends = (closure.joint1, closure.place1), (closure.joint2, closure.place2)
             places = [data.oMi[joint].act(place.translation) for joint, place in ends]
             lines += [(joints[joint], at, "body") for (joint, _), at in zip(ends, places, strict=True) if joint]

@@ -144,7 +144,7 @@ def _powers(forces, measured, t, q, v):
     """label → power of each force, and label → elastic energy of each spring; `measured` has the compiled ones."""
     power, stored = {}, {}
     for label, force in forces.items():
-        power[label], elastic = measured.get(label) or _brought(force, t, q, v)
+        power[label], elastic = measured.get(label) or _power_and_energy(force, t, q, v)
         if force.stores:
             stored[label] = elastic
     return power, stored
@@ -153,11 +153,11 @@ def _powers(forces, measured, t, q, v):
 def _add_drives(power, rows, t, q, lam, workspace):
     """The power of each constraint that depends on time."""
     if rows.moving:
-        brought = -lam[:, : rows.nc] * _time_rates(rows, t, q, workspace)
+        power_of_rows = -lam[:, : rows.nc] * _time_rates(rows, t, q, workspace)
         for closure in rows.closures:
             if closure.moving:
                 name = closure.loop.name
-                power[unused(name, power)] = brought[:, rows.slices[name]].sum(axis=1)
+                power[unused(name, power)] = power_of_rows[:, rows.slices[name]].sum(axis=1)
 
 
 def _add_friction(power, mechanism, t, q, v, lam, workspace):
@@ -169,10 +169,10 @@ def _add_friction(power, mechanism, t, q, v, lam, workspace):
     for element in elements:
         element.add(compiled)
     rates = compiled.residuals(t, q, v, np.zeros((len(t), compiled.nc)))[1]
-    brought = lam[:, mechanism.nc :] * rates
+    power_of_rows = lam[:, mechanism.nc :] * rates
     for element in elements:
         if element.tangents:
-            own = brought[:, first + element.pushes : first + element.size]
+            own = power_of_rows[:, first + element.pushes : first + element.size]
             power[unused(element.record.name, power)] = own.sum(axis=1)
         first += element.size
 
@@ -221,7 +221,7 @@ def total_power(forces, t, q, v, workspace, found=None):
     labels, columns = found or measure(forces, t, q, v, workspace)
     power = columns[:, 3::2].sum(axis=1)
     for label in forces.keys() - set(labels):
-        power += _brought(forces[label], t, q, v)[0]
+        power += _power_and_energy(forces[label], t, q, v)[0]
     return power
 
 
@@ -248,7 +248,7 @@ def event_energies(solution, forces, workspace):
     energy = columns[:, 0] + columns[:, 1] + columns[:, 4::2].sum(axis=1)
     for label in forces.keys() - set(labels):
         if forces[label].stores:
-            energy += _brought(forces[label], twice, q, v)[1]
+            energy += _power_and_energy(forces[label], twice, q, v)[1]
     return times, energy.reshape(-1, 2).T, columns[::2, 0]
 
 
@@ -279,7 +279,7 @@ def compiled_forces(forces, workspace):
     return parts
 
 
-def _brought(force, t, q, v):
+def _power_and_energy(force, t, q, v):
     """Power of a user's force without the rate of its stored energy, and its elastic energy or None."""
     power = np.array([force.torque(*state) @ state[2] for state in zip(t, q, v, strict=True)])
     if not force.stores:

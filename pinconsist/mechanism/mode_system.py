@@ -43,7 +43,7 @@ class ModeSystem(MechanismSystem):
 
     def __init__(self, base: MechanismSystem, elements, every, modes, J, still: float):
         vars(self).update(vars(base))
-        self.base, self.elements, self.every, self.modes = base, elements, every, tuple(modes)
+        self._base, self.elements, self.every, self.modes = base, elements, every, tuple(modes)
         self._start, self.still = J, still
         self.firsts = first_rows(elements)
         chosen, self.redundant = _independent(J[: base.nc], self._wanted(), J[base.nc :])
@@ -55,6 +55,10 @@ class ModeSystem(MechanismSystem):
                 self.used[i] = {row: place + k for k, row in enumerate(rows)}
                 place += len(rows)
         self.nc = place
+
+    @property
+    def base(self) -> MechanismSystem:
+        return self._base
 
     def _wanted(self) -> list[list[int]]:
         """The rows of elements in classes, those of the first class first."""

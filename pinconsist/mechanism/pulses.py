@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from .joint_constraints import Drive
 from .lie import interpolate
 from .motion import Motion
 
@@ -21,7 +22,7 @@ def brief_times(system, t, q, v, intervals) -> np.ndarray:
     drives = [
         closure
         for closure in (system.rows.closures if system.moving else ())
-        if closure.moving and not isinstance(getattr(closure.loop, "curve", None), Motion)
+        if closure.moving and not (isinstance(closure.loop, Drive) and isinstance(closure.loop.curve, Motion))
     ]
     if not (system.may_act_later or drives):
         return np.zeros(0)

@@ -69,7 +69,7 @@ class PinocchioModel(NamedTuple):
 
 def to_pinocchio(mechanism, q0=None) -> PinocchioModel:
     """See :meth:`Mechanism.to_pinocchio`."""
-    contact_models(mechanism)  # what it does not have is told before assembly
+    contact_models(mechanism)  # what it does not have is reported before assembly
     models = contact_models(mechanism, tilted_hinges(mechanism, assemble(mechanism, q0).q))
     return PinocchioModel(mechanism.model.copy(), models, tuple(mechanism.actuated))
 

@@ -169,7 +169,8 @@ class KeptRows:
             start = rows.slices[closure.loop.name].start
             if local := [row - start for row in kept if 0 <= row - start < len(closure.turns)]:
                 if (parts := rows.near.get(key := (closure.loop.name, *local))) is None:
-                    near = near_closed(closure, local) if isinstance(getattr(closure, "place", None), Place) else []
+                    anchored = isinstance(closure, AnchoredRows) and isinstance(closure.place, Place)
+                    near = near_closed(closure, local) if anchored else []
                     parts = rows.near[key] = [(shift, matrix, closure.ends(shift)) for shift, matrix in near]
                 self._closures.append((closure, local, parts))
         self.difference_step = min((closure.difference_step for closure, _, _ in self._closures), default=np.inf)

@@ -2,11 +2,13 @@
 
 import re
 from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from ..engine.norms import largest
 from ..mechanism.branches import branch_times
+from ..mechanism.custom import Constraint
 from ..mechanism.energy import energy_of, event_energies
 from ..mechanism.forces.actuators import saturated
 from ..mechanism.forces.held import sided
@@ -298,7 +300,7 @@ def _not_finite(solution) -> str:
 def _shared(solution, mechanism, system, workspace) -> dict[str, tuple[str, ...]]:
     """What :attr:`Certificate.not_unique` is."""
     t, q, v, lam = solution.t, solution.q, solution.v, solution.lam
-    if getattr(system, "base", system).nc == system.rows.nc:
+    if system.base.nc == system.rows.nc:
         return {}
 
     def motion(rows):
@@ -317,7 +319,7 @@ def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
 
     `finer` is a :class:`~pinconsist.run.accuracy.FinerRun`, or None, and `missing` why.
     """
-    system = getattr(solution.system, "base", solution.system)  # without contacts
+    system: Any = None if solution.system is None else solution.system.base
     if unknown := _not_finite(solution):
         return Certificate(*(np.nan, unknown, np.nan, np.nan, np.nan, None, None), not_finite=unknown)
     if mechanism is not None:
@@ -394,7 +396,7 @@ def _pulling(mechanism, rows, t, lam) -> dict[str, float]:
     """What :attr:`Certificate.pulling` is; multipliers that are rounding do not count."""
     found = {}
     for loop in mechanism.loops:
-        if getattr(loop, "unilateral", False):
+        if isinstance(loop, Constraint) and loop.unilateral:
             its = lam[:, rows.slices[loop.name]].min(axis=1)
             pulls = np.flatnonzero(its < -ROUNDED * largest(lam))
             if len(pulls):

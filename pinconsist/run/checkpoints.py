@@ -207,7 +207,7 @@ class _Parts:
 
     def run(self, end):
         at, options, start = self.recipe.checkpoint, dict(self.recipe.options), self._reached()
-        options.pop("control", None)  # the mechanism obeys it in every part
+        options.pop("control", None)  # the mechanism has it already
         if at is not None and options.get("max_steps") is not None:
             options["max_steps"] -= self.counted["nsteps"]
             if options["max_steps"] <= 0:

@@ -17,6 +17,7 @@ from ..engine.index1 import Index1
 from ..errors import InputError, PinconsistError
 from ..mechanism.checks import frame_of
 from ..mechanism.forces import Actuator
+from ..mechanism.forces.actuators import BoundHeldActuator
 from ..mechanism.forces.held import BoundSampled, Given
 from ..mechanism.names import velocity_names
 from ..mechanism.rank import null_space
@@ -206,7 +207,9 @@ def _checked(mechanism, actuators, names) -> tuple[str, ...]:
 
 def _by_command(actuator, system, t):
     """The derivative of an actuator's force by its command, which may be at a limit."""
-    held = next(each for each in system.held_forces if getattr(each, "name", "") == actuator.name)
+    held = next(
+        each for each in system.held_forces if isinstance(each, BoundHeldActuator) and each.name == actuator.name
+    )
     at = held.command(t)
     step, own = COMMAND_STEP * (1.0 + abs(at)), {each.name: getattr(actuator, each.name) for each in fields(Actuator)}
     sides = []

@@ -14,7 +14,7 @@ from ..engine.norms import largest
 from ..errors import InputError, PinconsistError, UserFunctionError, warn
 
 STILL = 1e-9  # change of a velocity by a projection, rad/s or m/s, that is none
-SET, SMALL = 1e-2, 1e-3  # change of a velocity that was set, relative to it and to the largest, that is told
+SET, SMALL = 1e-2, 1e-3  # change of a velocity that was set, relative to it and to the largest, that is reported
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from _signal import getsignal  # those of `signal` make enumerations of all hand
 from _signal import signal as handle
 from contextlib import contextmanager, nullcontext, suppress
 
-IMPATIENCE = 1.0  # s within which several signals are one: fingers bounce, and supervisors send several
+IMPATIENCE = 1.0  # s within which several signals count as one (debounce): supervisors send several
 SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 _came: list[float] = []  # times at which a signal raised KeyboardInterrupt
 

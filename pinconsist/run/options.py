@@ -167,7 +167,7 @@ def warn_of_differences(system, method) -> None:
 
 
 def looking(method, system, span) -> Method:
-    """The method with steps that do not leap over what acts for a while only, where laws of the state may do so."""
+    """The method with its largest step limited so that short pulses are seen, where laws of the state may have them."""
     if method.step is not None or method.control.max_step < np.inf or not system.may_act_later:
         return method
     longest = method.control.longest * max(abs(span[1] - span[0]), shortest_step(*span))

@@ -177,7 +177,7 @@ def integrate(
 
 
 def _integrated(system, span, p0, v0, options, output) -> Solution:
-    contacts = getattr(getattr(system, "mechanism", None), "contacts", ())
+    contacts = () if system.mechanism is None else system.mechanism.contacts
     chosen = options.for_span(span, 0 if contacts else system.nv - system.nc)  # Radau for contacts
     warn_of_differences(system, chosen)
     chosen = looking(chosen, system, span)

@@ -130,7 +130,7 @@ class Solution(ByName):
         for k, name in enumerate("tqv"):
             values[f"{name}_events"] = [np.array([row[k] for row in rows]) for rows in trajectory.events]
         outcome = ("status", "message", "nsteps", "nfev", "njev", "nlu", "rejected")
-        scene, values["held"] = system.mechanism, getattr(system, "held", {})
+        scene, values["held"] = system.mechanism, system.held
         about: dict[str, Any] = {"skipped": skipped_work(trajectory)}
         about |= {"forces": len(scene.forces)} if scene else {}
         about |= {"control": control} if scene and (control := commands(scene)) else {}

@@ -37,7 +37,7 @@ _loaded: dict[str, Mechanism] = {}
 def loaded(scene, *, anew=False) -> Mechanism:
     """The mechanism of a scene, loaded once in each process; use `anew` if its files may have changed since.
 
-    What is told at load is told then, and not again by every process.
+    Warnings of loading are shown then, and not again by every process.
     """
     if anew or repr(scene) not in _loaded:
         _loaded.clear()
@@ -147,13 +147,13 @@ class SceneSweep:
         """The solution, and the warnings of the run."""
         forces = [run.torques] if run.torques else ()
         q0, v0 = run.q0 or None, run.v0 or None
-        with warnings.catch_warnings(record=True) as told:
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("ignore")
             warnings.simplefilter("always", UserWarning)
             dense = run.options.get("method") == "Radau"  # energies of its few rows need states between them
             options = {"dense_output": dense, **run.options}
             sol = simulate(run.mechanism, (self.start, until), q0, v0, forces=forces, **options)
-        return sol, list(dict.fromkeys(str(each.message) for each in told))
+        return sol, list(dict.fromkeys(str(each.message) for each in caught))
 
     def about(self, cases) -> dict:
         """The data that two sweeps must share for their rows to be the same."""

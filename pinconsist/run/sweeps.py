@@ -83,7 +83,7 @@ class Attempt:
                 return _interrupted(self.index, None)
             except BaseException as error:  # sys.exit() in one case does not end the others
                 outcome = _failed(self.index, None, error)
-        if interrupted(begun):  # even if the function caught it, as `simulate` does: half a run is no value
+        if interrupted(begun):  # even if the function caught it, as `simulate` does: an interrupted run is not recorded
             return _interrupted(self.index, None)
         return outcome
 

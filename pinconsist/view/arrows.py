@@ -57,7 +57,7 @@ class Action:
 
 
 def of_joint(name: str) -> str:
-    """What a force in a joint of the tree is of, which is told from a loop of that name."""
+    """What a force in a joint of the tree is of, which is marked where a loop has that name."""
     return f"joint {name}"
 
 

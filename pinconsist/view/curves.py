@@ -50,7 +50,7 @@ def panel(runs: list[Run], size: float, without, planar: bool) -> dict:
     return {"times": times, "whole": whole, "groups": list(groups.values()), "notes": notes}
 
 
-def _telling(run: Run) -> np.ndarray:
+def _rows_that_vary(run: Run) -> np.ndarray:
     """Rows of a run: all, or of each part the first and those with the extreme multipliers and speeds."""
     n = len(run.t)
     if n <= ROWS:
@@ -63,8 +63,8 @@ def _telling(run: Run) -> np.ndarray:
 
 
 def _fine(run: Run) -> Run:
-    """A run at the times of its curves: its telling rows, and states between them until lines join them well."""
-    rows = _telling(run)
+    """A run at the times of its curves: the rows that vary, and states between them until lines join them well."""
+    rows = _rows_that_vary(run)
     if not run.continuous:
         return run.rows(rows)
     found = filled(run.source, run.scene_of_file, rows)

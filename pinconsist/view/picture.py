@@ -165,7 +165,7 @@ def picture(
     if first is not None:
         runs = [replace(run, true=replace(run, q=first.q, lam=first.lam)) for run in runs]
     traces = _frames(traces, runs)
-    told = verdicts(runs) if beside and not first else []  # before the curves, which say what is not unique
+    of_runs = verdicts(runs) if beside and not first else []  # before the curves, which say what is not unique
     drawn, clock, size = _drawn(runs, speed, fps, times, smooth, over)
     not_drawn = NotDrawn.of(drawn) if forces or beside else NotDrawn()
     acting, scales, hidden = [], dict.fromkeys(UNITS), set()
@@ -181,7 +181,7 @@ def picture(
         "legend": (_over(runs) if over else []) + _legend(runs, traces, forces, scales, acting, not_drawn),
         "cuts": [cut for each in drawn for cut in each.cuts],
         "panel": panel(runs, size, not_drawn.all, planar) if beside else None,
-        "verdicts": told,
+        "verdicts": of_runs,
         "first": None if first is None else _stop(first, speed),
     }
 
@@ -284,7 +284,7 @@ def _scene(drawn: list[DrawnRun], axes: np.ndarray, planar: bool, size: float, c
 
 
 def _stop(first, speed: float) -> dict:
-    """What the page of a comparison tells where it stops, at the end of the first step; `first` as in `picture`."""
+    """What the page of a comparison says where it stops, at the end of the first step; `first` as in `picture`."""
     return {
         "wrong": f"{first.wrong}: {first.sizes}",
         "ok": first.ok,

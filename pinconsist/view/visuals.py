@@ -11,7 +11,7 @@ from ..mechanism.mechanism import Geometry, Mechanism
 from .shapes import Shape, ball, buffer, cylinder
 
 CORNERS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
-WHITE, OFF_WHITE = 0.85, 0xA8B2BC  # a lighter colour, as that without material, is hardly told from the page
+WHITE, OFF_WHITE = 0.85, 0xA8B2BC  # a lighter colour, as that without material, hardly differs from the page
 log = logging.getLogger(__name__)
 
 
