@@ -58,18 +58,11 @@ def simulate(
 
     Example: pinconsist simulate crank_rocker --with-velocity crank=12 --until 2 --out run.npz --html run.html
     """
-    out = out and str(Path(out).with_suffix(".npz") if not Path(out).suffix else out)
-    if out and Path(out).suffix != ".npz":
-        raise InputError(f"--out {out}: a run is saved as .npz")
-    if save_every is not None and not out:
-        raise InputError("--save-every needs a file for the run; add --out FILE.npz")
+    out = _run_file(out, save_every)
     output.require_writable(out=out, html=html, csv=table, figure=plot)
-    if (csv_forces or every is not None) and not table:
-        raise InputError(f"--{'csv-force' if csv_forces else 'every'} is for the table; add --csv FILE.csv")
-    if every is not None and not 0.0 < every < float("inf"):
-        raise InputError(f"--every must be a time above 0 s, got {every:g}")
+    _require_table(table, csv_forces, every)
     require_page(html, forces, traces, speed)
-    from ..run.checkpoints import Recipe, carry_out, saved
+    from ..run.checkpoints import Recipe
     from ..run.results import require_columns
 
     q0, v0 = source.at, scene.joint_values(with_velocity, "--with-velocity")
@@ -90,13 +83,7 @@ def simulate(
     }  # fmt: skip
     where = source.record(out or "run.npz")
     recipe = Recipe.of(where, hashes, mech, (start, until), q0 or None, v0 or None, (), settings, save_every)
-    began = time.perf_counter()
-    with output.RunProgress(start, until) as progress:  # the run is saved before anything else can go wrong
-        sol = carry_out(recipe, mech, out, callback=progress)
-    seconds = time.perf_counter() - began
-    certificate = checked(sol)
-    if certificate and out:
-        saved(sol, out)
+    sol, certificate, seconds = _carried_out(recipe, mech, out)
     with deferred(impatient=False):  # another Ctrl-C takes effect after the files are written and listed
         try:
             if html:
@@ -116,6 +103,39 @@ def simulate(
             if out and exit_code(sol) == output.INTERRUPTED:
                 print(resume_hint(sol, out))
     return exit_code(sol) if certificate else output.INTERRUPTED
+
+
+def _run_file(out, save_every):
+    """The file of the run, or None; InputError for another suffix, and for intervals without a file."""
+    if out and not Path(out).suffix:
+        out = str(Path(out).with_suffix(".npz"))
+    if out and Path(out).suffix != ".npz":
+        raise InputError(f"--out {out}: a run is saved as .npz")
+    if save_every is not None and not out:
+        raise InputError("--save-every needs a file for the run; add --out FILE.npz")
+    return out
+
+
+def _require_table(table, csv_forces, every) -> None:
+    """InputError for options of a table without one, and for impossible times."""
+    if (csv_forces or every is not None) and not table:
+        raise InputError(f"--{'csv-force' if csv_forces else 'every'} is for the table; add --csv FILE.csv")
+    if every is not None and not 0.0 < every < float("inf"):
+        raise InputError(f"--every must be a time above 0 s, got {every:g}")
+
+
+def _carried_out(recipe, mech, out):
+    """The run, its certificate, or None if Ctrl-C skipped it, and the seconds that the run took."""
+    from ..run.checkpoints import carry_out, saved
+
+    began = time.perf_counter()
+    with output.RunProgress(*recipe.t_span) as progress:  # the run is saved before anything else can go wrong
+        sol = carry_out(recipe, mech, out, callback=progress)
+    seconds = time.perf_counter() - began
+    certificate = checked(sol)
+    if certificate and out:
+        saved(sol, out)
+    return sol, certificate, seconds
 
 
 def _rows(sol, every):
