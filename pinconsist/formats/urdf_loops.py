@@ -60,6 +60,7 @@ warning. Other transmissions exert no force, also with a warning.
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -378,38 +379,55 @@ def transmissions(robot: Element, model, unlimited: float) -> tuple[Actuator, ..
         joints, actuators = (
             sorted(node.children(tag), key=lambda each: each.child("role").text()) for tag in ("joint", "actuator")
         )
+        if not (joints or actuators):
+            continue
         mixed = _MIXED.get(node.child("type").text().rpartition("/")[2])
-        if len(joints) != (count := 2 if mixed else 1) or len(actuators) != count:
-            if joints or actuators:
-                warn(f"{node.name}: it exerts no force here: it connects several actuators or joints")
+        names = [joint.get("name") for joint in joints]
+        reason = _no_force(model, names, joints, actuators, 2 if mixed else 1)
+        if reason:
+            warn(f"{node.name}: it exerts no force here: {reason}")
             continue
-        names, known = [joint.get("name") for joint in joints], list(model.names)[1:]
-        wrong = [name for name in names if name not in known or model.nvs[model.getJointId(name)] != 1]
-        if wrong:
-            warn(f"{node.name}: it exerts no force here: {wrong[0]!r} is not a joint with one degree of freedom")
-            continue
-        if words := _not_numbers(joints, actuators):
-            warn(f"{node.name}: it exerts no force here: {words} is no number")
-            continue
-        columns = [model.idx_vs[model.getJointId(name)] for name in names]
-        rows = mixed(*(_number(_REDUCTION, (joint,), 1.0) for joint in joints)) if mixed else ((1.0,),)
-        coupled = np.zeros((count, count))
-        for actuator, row in zip(actuators, rows, strict=True):
-            reduction = _number(_REDUCTION, (actuator,) if mixed else (actuator, joints[0], node), 1.0)
-            inertia, arms = _number(_INERTIAS, (actuator,), 0.0), reduction * np.array(row)
-            if not arms.any() or inertia < 0.0:
-                raise node.error("a reduction is zero, or a rotor inertia is negative")
-            coupled += inertia * np.outer(arms, arms)
-            shares = {name: share for name, share in zip(names, row, strict=True) if share}
-            motor = actuator.get("name") or names[0]
+        for motor, actuator in _actuators(node, mixed, names, joints, actuators, model, unlimited):
             label = motor if motor not in found else f"{motor} {number}"
-            limit = float(model.upperEffortLimit[columns[0]])
-            ends = (-limit / abs(reduction), limit / abs(reduction)) if 0.0 < limit < unlimited and not mixed else ()
-            found[label] = Actuator(label, shares if mixed else names[0], gear=reduction, force_range=ends)
-        model.armature[columns] += np.diagonal(coupled)
-        if np.abs(coupled - np.diag(np.diagonal(coupled))).max() > 1e-12 * np.abs(coupled).max():
-            warn(f"{node.name}: its rotors couple the two joints, which is ignored")
+            found[label] = replace(actuator, name=label)
     return tuple(found.values())
+
+
+def _no_force(model, names, joints, actuators, count) -> str:
+    """Why a transmission of `count` actuators exerts no force, or an empty string."""
+    if len(joints) != count or len(actuators) != count:
+        return "it connects several actuators or joints"
+    known = list(model.names)[1:]
+    wrong = [name for name in names if name not in known or model.nvs[model.getJointId(name)] != 1]
+    if wrong:
+        return f"{wrong[0]!r} is not a joint with one degree of freedom"
+    words = _not_numbers(joints, actuators)
+    return f"{words} is no number" if words else ""
+
+
+def _actuators(node, mixed, names, joints, actuators, model, unlimited):
+    """(name, Actuator) of a transmission; adds its rotors to the armature of the model. `mixed` gives shares of two."""
+    count = len(joints)
+    columns = [model.idx_vs[model.getJointId(name)] for name in names]
+    rows = mixed(*(_number(_REDUCTION, (joint,), 1.0) for joint in joints)) if mixed else ((1.0,),)
+    coupled = np.zeros((count, count))
+    found = []
+    for actuator, row in zip(actuators, rows, strict=True):
+        reduction = _number(_REDUCTION, (actuator,) if mixed else (actuator, joints[0], node), 1.0)
+        inertia = _number(_INERTIAS, (actuator,), 0.0)
+        arms = reduction * np.array(row)
+        if not arms.any() or inertia < 0.0:
+            raise node.error("a reduction is zero, or a rotor inertia is negative")
+        coupled += inertia * np.outer(arms, arms)
+        shares = {name: share for name, share in zip(names, row, strict=True) if share}
+        motor = actuator.get("name") or names[0]
+        limit = float(model.upperEffortLimit[columns[0]])
+        ends = (-limit / abs(reduction), limit / abs(reduction)) if 0.0 < limit < unlimited and not mixed else ()
+        found.append((motor, Actuator(motor, shares if mixed else names[0], gear=reduction, force_range=ends)))
+    model.armature[columns] += np.diagonal(coupled)
+    if np.abs(coupled - np.diag(np.diagonal(coupled))).max() > 1e-12 * np.abs(coupled).max():
+        warn(f"{node.name}: its rotors couple the two joints, which is ignored")
+    return found
 
 
 def _not_numbers(joints, actuators) -> str:
