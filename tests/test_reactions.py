@@ -11,7 +11,6 @@ from helpers.scenes import car_axis
 from scipy.interpolate import CubicSpline
 
 import pinconsist as pc
-from pinconsist.mechanism import rows
 from pinconsist.mechanism.reactions import undetermined
 
 G, MASS = 9.81, 1.7
@@ -212,14 +211,6 @@ def test_gear_pair_holds_a_torque_by_its_ratio():
 
 def _still(t):
     return 0.0
-
-
-def test_a_loop_whose_rows_are_in_python_has_its_reaction(monkeypatch):
-    """C++ asks for such rows, but not for their wrenches, which would be zero."""
-    known = pc.simulate(pc.load("four_bar"), (0.0, 0.1)).reaction("coupler_rocker")
-    monkeypatch.setattr(rows, "near_closed", lambda closure, local: [])
-    found = pc.simulate(pc.load("four_bar"), (0.0, 0.1)).reaction("coupler_rocker")
-    np.testing.assert_allclose(found.force[-1], known.force[-1], rtol=1e-4)
 
 
 def test_redundant_rows_share_the_load_at_least_norm():

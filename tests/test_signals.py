@@ -71,7 +71,7 @@ def interrupting(function, number=signal.SIGINT):
 
 
 LATE = {  # between the last step and the file
-    "march": ("pinconsist.run.integrate", "march"),
+    "march": ("pinconsist.run.integrate.March", "to_end"),
     "rows": ("pinconsist.run.output.Record", "arrays"),
     "steps": ("pinconsist.run.output.Record", "steps"),
     "solution": ("pinconsist.run.simulation", "Solution._from_trajectory"),

@@ -185,7 +185,7 @@ class EventWatch:
     ----------
     changes : list of Change
         What events changed.
-    found : Events or None
+    compiled : Events or None
         The engine's part; None if there are no events.
     """
 
@@ -193,13 +193,13 @@ class EventWatch:
         self.events = events
         self.modes = modes
         self.changes: list[Change] = []
-        self.found = None
+        self.compiled = None
         self._warned: set[int] = set()
         self._ends: list = []  # what ends the present mode of contacts: pairs (element, what falls to zero)
         # The engine does not keep these alive.
         self._alive = [_in_numbers(event) for event in events], interrupted, stepper.full_multipliers
         if events or modes is not None:
-            self.found = stepper.events(*self._alive)
+            self.compiled = stepper.events(*self._alive)
 
     def enter_mode(self) -> None:
         """Watch for the end of the present mode of contacts."""
@@ -207,7 +207,7 @@ class EventWatch:
         asked = [Event(self.modes.margin, name="contacts") for _ in range(self.modes.system.redundant)]
         self._ends = [*((None, "agree") for _ in asked), *ends]
         self._asked = [_in_numbers(event) for event in asked]
-        self.found.enter_mode(self._asked, watched)
+        self.compiled.enter_mode(self._asked, watched)
 
     def ended(self, fired) -> list:
         """What has ended the mode of contacts among events with these indices: pairs (element, what fell to zero)."""
@@ -215,12 +215,13 @@ class EventWatch:
 
     def restart(self, t, p, v, lam) -> None:
         """Take the signs at a new start; InputError if what cannot become negative is negative."""
-        if self.found is None:
+        if self.compiled is None:
             return
-        self.found.restart(t, p, v, lam)
-        for event, value in zip(self.events, self.found.values, strict=False):
-            if one_sided(event) and value < -constant("TOUCHING"):
-                raise InputError(f"the impact {event.name!r}: the run starts {-value:.3g} beyond its stop or plane")
+        self.compiled.restart(t, p, v, lam)
+        for event in self.events:
+            gap = event.function(t, p, v, None) if one_sided(event) else 0.0
+            if gap < -constant("TOUCHING"):
+                raise InputError(f"the impact {event.name!r}: the run starts {-gap:.3g} beyond its stop or plane")
 
     def restart_after(self, fired, moved, stepper, t, p, v, known, forward) -> str:
         """Take the signs after the events `fired`; `known` are acceleration and multipliers there.
@@ -228,10 +229,10 @@ class EventWatch:
         `moved` says whether one of them has moved the position. Returns why the run cannot continue, or an empty
         string.
         """
-        i = stepper.restart_events(self.found, fired, moved, t, p, v, known, forward)
+        i = stepper.restart_events(self.compiled, fired, moved, t, p, v, known, forward)
         if i < 0:
             return ""
-        times = [occurrence[0] for occurrence in self.found.found[i]]
+        times = [occurrence[0] for occurrence in self.found[i]]
         return (
             f"the event {self.events[i].name or 'without a name'} accumulates at t = {t:.6g}, after "
             f"{len(times)} occurrences: the times between them have shrunk to {abs(times[-1] - times[-2]):.1g} s. What "
@@ -245,18 +246,21 @@ class EventWatch:
         `before` are the position and velocity before it.
         """
         lost = lost_in_projection(before[1], after.wanted, after.v)
-        self.found.has_changed(i, largest(after.v - before[1]))
+        self.compiled.has_changed(i, largest(after.v - before[1]))
         self.changes.append(Change(self.events[i].name, t, *before, after.p, after.v, lost is not None))
         if lost is not None and i not in self._warned:
             self._warned.add(i)
             warn_of_projection(self.events[i], system, t, lost, before[1], after.wanted, after.v)
 
+    @property
+    def found(self) -> list:
+        """The occurrences (t, p, v) of each event."""
+        return [[] for _ in self.events] if self.compiled is None else self.compiled.found
+
     def until(self, t, forward) -> list:
-        """The occurrences (t, p, v) of each event up to a time: a step may have been searched beyond the end."""
-        if self.found is None:
-            return [[] for _ in self.events]
+        """The occurrences of each event up to a time: a step may have been searched beyond the end."""
         late = (lambda time: time > t) if forward else (lambda time: time < t)
-        return [[row for row in rows if _at_once(row[0], t) or not late(row[0])] for rows in self.found.found]
+        return [[row for row in rows if _at_once(row[0], t) or not late(row[0])] for rows in self.found]
 
 
 def _in_numbers(event: Event) -> tuple:

@@ -236,7 +236,7 @@ class March:
             self._steps_left(),
             jumped,
             record.output.dense,
-            self.watch.found,
+            self.watch.compiled,
             record.sees if record.output.each_step else None,
             system if system.changes else None,
         )
@@ -285,7 +285,7 @@ class March:
         fired = [i for i in fired if i < len(watch.events)]
         events = [watch.events[i] for i in fired]
         if watch.modes is not None:
-            watch.found.keep_of_multipliers(t, p, v, lam)
+            watch.compiled.keep_of_multipliers(t, p, v, lam)
         if ends:
             names = " and ".join(event.name or "without a name" for event in events if event.terminal)
             raise Stop(STOPPED, f"stopped by the event {names} at t = {t:.6g}")
@@ -305,7 +305,7 @@ class March:
         if why:
             raise Stop(FAILED, why)
         if watch.modes is not None:
-            hit = watch.found.passed(fired, t, p, v, known[1])
+            hit = watch.compiled.passed(fired, t, p, v, known[1])
             if hit is not None:
                 self._after_events(*hit)
                 return

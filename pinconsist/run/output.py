@@ -106,7 +106,7 @@ class Record:
     @property
     def forward(self) -> bool:
         """Whether the run goes forward in time."""
-        return self.span[1] >= self.span[0]
+        return bool(self.span[1] >= self.span[0])
 
     def last(self):
         """t, p, v and λ of the last row."""
@@ -118,7 +118,8 @@ class Record:
         """Add steps; raises what the callback has ended them with."""
         if len(made.rows[0]):
             self._blocks.append(made.rows)
-            self._orders.append(made.orders)
+            if self.at_steps:
+                self._orders.append(made.orders)
         if made.steps:
             self.nsteps += made.steps
             self.reached, size, order = made.reached
@@ -139,7 +140,8 @@ class Record:
 
     def _row(self, t, *state):
         self._blocks.append((np.array([t]), *(each[None] for each in state)))
-        self._orders.append([0])
+        if self.at_steps:
+            self._orders.append([0])
 
     def since(self, t):
         """(t, p, v) and the order of each step after a time, the latest ones last."""
