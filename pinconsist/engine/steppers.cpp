@@ -132,7 +132,6 @@ void bind_events(nb::module_ &m) {
   nb::class_<Events>(m, "Events")
       .def(nb::init<const nb::list &, nb::handle, nb::handle, std::vector<int>, int>(), "events"_a, "interrupted"_a, "finish"_a.none(), "places"_a, "number"_a)
       .def("enter_mode", &Events::enter_mode, "ends"_a, "contacts"_a, nb::keep_alive<1, 3>())
-      .def_ro("values", &Events::values)
       .def("restart", &Events::restart)
       .def("restart_after", &Events::restart_after)
       .def("has_changed", &Events::has_changed, "i"_a, "change"_a)
