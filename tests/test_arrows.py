@@ -138,7 +138,7 @@ CYCLES: dict[str, set[str]] = {}  # modules of a part that still import each oth
 
 
 def module_of(parts):
-    """The file that a name is imported from: ("engine", "kkt", "KKT") is of engine/kkt.py, a package alone of none."""
+    """The file that a name is imported from: ("engine", "tree", "X") is of engine/tree.py, a package alone of none."""
     if "/".join((*parts, "__init__.py")) in FILES:
         return None
     ends = [

@@ -1,7 +1,6 @@
 """`pinconsist simulate`, `rerun` and `resume`: the commands that run a simulation."""
 
 import time
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -162,19 +161,9 @@ def _written(file, sol, out, write):
 
 def _report(mech, assembly, sol, certificate, seconds, files) -> dict:
     from ..mechanism.names import by_joint
+    from ..run.certificate import plain
 
-    names = (
-        "verdict",
-        "ok",
-        "not_judged",
-        "not_unique",
-        "position",
-        "position_at",
-        "velocity",
-        "force",
-        "force_first",
-        "energy_error",
-    )
+    judged = ("verdict", "ok", "concerns", "not_judged")
     return {
         "scene": {
             "name": mech.name, "joints": len(mech.joints), "nq": mech.nq, "nv": mech.nv,
@@ -186,9 +175,7 @@ def _report(mech, assembly, sol, certificate, seconds, files) -> dict:
             "t": [sol.t[0], sol.t[-1]], "steps": sol.nsteps, "rejected": sol.rejected, "nfev": sol.nfev,
             "njev": sol.njev, "nlu": sol.nlu, "seconds": seconds, "method": sol.method,
         },
-        "certificate": certificate and {name: getattr(certificate, name) for name in names}
-        | {"beyond_limits": [asdict(each) for each in certificate.beyond_limits]}
-        | {"error": certificate.error and asdict(certificate.error)},
+        "certificate": certificate and {name: getattr(certificate, name) for name in judged} | plain(certificate),
         "end": {"q": by_joint(mech, sol.q[-1]), "v": by_joint(mech, sol.v[-1])},
         "files": files,
     }  # fmt: skip

@@ -3,8 +3,8 @@
 Reading order:
 
 1. :mod:`variants`: all parameters, and the derivatives of the equations with respect to them, by differences between
-   mechanisms in which one parameter is slightly larger or smaller; :mod:`known`: parameters that need no such
-   mechanisms, because the derivatives of the equations are known.
+   mechanisms in which one parameter is slightly larger or smaller; ``run/known.py``: parameters that need no
+   such mechanisms, because the derivatives of the equations are known.
 2. ``engine/linear.hpp``: the linear equations of one accepted step of Radau IIA, and of the multipliers.
 3. :mod:`leg`: the recursion over the accepted steps, and its transpose. The steps themselves are in C++.
    :mod:`laws`: digital controllers, whose torques depend on states at samples.

@@ -149,7 +149,8 @@ def anchor(end: int, place: pin.SE3) -> dict:
 # with respect to n coordinates, in these axes. `dd` and `ddd` are the time derivatives of d; `spin` and `spin_rate` are
 # the relative angular velocity and its derivative as seen from body 1. Each block has the methods
 # rows(d, R, linear, angular), which returns Φ and J; bias(d, dd, ddd, R, spin, spin_rate), which returns J̇ v (of Turn
-# and Tilt for closed loops only); and closest, which returns the nearest d or R with Φ = 0.
+# and Tilt for closed loops only); and closest (but not of Length), which returns the nearest
+# d or R with Φ = 0.
 
 
 def unit(vector) -> np.ndarray:

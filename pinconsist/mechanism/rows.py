@@ -1,6 +1,6 @@
 """The rows Φ(t, q), J(t, q) of the loops, drives, couplings and constraints of a mechanism.
 
-Only this file refers to Pinocchio's constraint classes. The rows are defined in :mod:`pinconsist.mechanism.loops`.
+The rows are defined in :mod:`pinconsist.mechanism.loops`.
 """
 
 from __future__ import annotations

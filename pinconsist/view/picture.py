@@ -155,7 +155,7 @@ def picture(
     """The replay as a page needs it, places in axes with y up; parameters as in :func:`pinconsist.export_html`.
 
     ``clock`` is the time at the start, the seconds of motion per second of playing, and the duration of playing;
-    `beside` adds the curves and verdicts beside the motion. `first`, of :func:`pinconsist.compare`, has the
+    `beside` adds the curves and verdicts beside the motion. `first`, of :func:`pinconsist.paper.compare`, has the
     error of the first run at its first step, where the page stops, and the true run. `times` are those of the frames,
     s of playing, instead of even ones. `smooth` makes as many frames as straight lines between them need.
     """
