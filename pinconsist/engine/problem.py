@@ -1,5 +1,6 @@
 """What a system must provide to be integrated."""
 
+from abc import ABC, abstractmethod
 from typing import Any
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from ..errors import InputError
 
 
-class Index3System:
+class Index3System(ABC):
     """An index-3 system p' = U(t,p,v), M(t,p) v' + f₀(t,p,v) = G λ, 0 = Φ(t,p).
 
     Positions may live on a manifold: they are stored in ``npos`` numbers and moved by tangent vectors of ``nx``.
@@ -81,6 +82,7 @@ class Index3System:
         """ξ with `p0` ⊕ ξ = `p1`, shape (nx,)."""
         return p1 - p0
 
+    @abstractmethod
     def rate(self, t, p, v):
         """U at (`t`, `p`, `v`), shape (nx,): the tangent velocity of the position."""
 
@@ -88,18 +90,21 @@ class Index3System:
         """The matrix ad ξ of the Lie bracket [`xi`, ·] of positions, shape (nx, nx); 0 for a vector space."""
         return np.zeros((self.nx, self.nx))
 
+    @abstractmethod
     def position(self, t, base, psi, c, v):
         """(p, ξ) with p = `base` ⊕ ξ and ξ = `psi` + `c` U(t, p, v): the position that a BDF step gives to `v` at `t`.
 
         Shapes (npos,) and (nx,).
         """
 
+    @abstractmethod
     def evaluate(self, t, p, v, a):
         """(f, Φ, G, ρ) at (`t`, `p`, `v`): f = M `a` + f₀, the constraint, force directions, the hidden residual.
 
         Shapes (nv,), (nc,), (nv, nc), (nc,). The caller may change the arrays, which are valid until the next call.
         """
 
+    @abstractmethod
     def linearize(self, t, p, v, a, lam, c, A):
         """Fill a Newton step's matrices, at the point (`t`, `p`, `v`, `a`) that was evaluated last.
 
@@ -141,9 +146,11 @@ class Index3System:
         """
         return 0.0
 
+    @abstractmethod
     def constraint(self, t, p, rate):
         """(Φ, ρ) at (`t`, `p`), each (nc,): the constraint, and the hidden one ρ = Φ_p U + Φ_t with U = `rate`."""
 
+    @abstractmethod
     def acceleration_bias(self, t, p, v):
         """γ at (`t`, `p`, `v`), shape (nc,), with dρ/dt = W v' + γ."""
 
