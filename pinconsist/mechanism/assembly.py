@@ -87,7 +87,7 @@ def assemble(mechanism, q0=None, v0=None, *, fixed=None, t: float = 0.0, toleran
         allow it, else a warning reports the new ones), or a configuration (nq,), all of which may change. If
         ``mechanism.guess`` is closed, the named joints are moved from there in small steps with the loops closed, which
         keeps the assembly mode. If that path is blocked, the loops are closed from the guess, in whichever mode is
-        near.
+        close.
     v0 : mapping or array, optional
         Velocity: joint name → value (these joints keep it, the others follow), or an array (nv,) that is projected
         in the mass metric. Default rest.
@@ -96,8 +96,8 @@ def assemble(mechanism, q0=None, v0=None, *, fixed=None, t: float = 0.0, toleran
     t : float
         Time at which drives are evaluated, s.
     tolerance : float
-        Largest |Φ| of a closed loop, m and rad. Loops are closed to rounding if possible; a gap above 1e-10 is warned
-        about.
+        Largest |Φ| of a closed loop, m and rad. Loops are closed to rounding if possible; a gap above 1e-10 causes a
+        warning.
 
     Returns
     -------
