@@ -51,8 +51,8 @@ class Equilibrium(Locked, HasReactions):
     residual : float
         Largest entry of |g - τ - Jᵀλ|, N·m or N.
     stiffness : ndarray, shape (mobility,)
-        Eigenvalues, ascending, of the symmetric part of the stiffness on the displacements that the loops allow, of
-        unit length in joint coordinates, N·m/rad (or N/m). Values that cannot be distinguished from zero are zero.
+        Eigenvalues, ascending, of the symmetric part of the stiffness on the admissible displacements, normalised in
+        joint coordinates, N·m/rad (or N/m). Values that cannot be distinguished from zero are zero.
     neutral : tuple of str
         Joints of the displacements with zero stiffness.
     iterations : int
@@ -70,7 +70,7 @@ class Equilibrium(Locked, HasReactions):
 
     @property
     def stable(self) -> bool:
-        """Whether every small displacement that the loops allow is resisted: all of `stiffness` is positive.
+        """Whether every small admissible displacement is resisted: all entries of `stiffness` are positive.
 
         If forces have no potential (follower forces, a servo of one joint on another), this excludes divergence but not
         flutter; see :meth:`Linearization.modes`.
@@ -146,7 +146,7 @@ def equilibrium(mechanism, q0=None, *, forces=(), t: float = 0.0, stable: bool =
     AssemblyError
         The loops cannot be closed.
     SingularSystemError
-        The equilibrium is at a singular position, where the forces in the loops are not determined.
+        The equilibrium is at a singular configuration, where the forces in the loops are not determined.
     InputError
         Invalid arguments.
     """
