@@ -76,7 +76,8 @@ class Actuation(Motors):
         return self.acceleration(q, v, np.zeros(len(self.motors)))
 
     def derivatives(self, parameters, q=None) -> np.ndarray:
-        """How the configuration changes with parameters of the mechanism while the motors are held: for calibrations.
+        """Derivatives of the configuration with respect to parameters of the mechanism, with the motors locked; for
+        calibration.
 
         Parameters
         ----------
@@ -95,7 +96,7 @@ class Actuation(Motors):
         InputError
             Unknown parameters; one that opens redundant loops; configurations that are not closed.
         SingularSystemError
-            A singular position.
+            A singular configuration.
         """
         return of_parameters(self, parameters, q)
 
