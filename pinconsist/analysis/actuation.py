@@ -76,8 +76,7 @@ class Actuation(Motors):
         return self.acceleration(q, v, np.zeros(len(self.motors)))
 
     def derivatives(self, parameters, q=None) -> np.ndarray:
-        """Derivatives of the configuration with respect to parameters of the mechanism, with the motors locked; for
-        calibration.
+        """Derivatives of the configuration with respect to parameters, with the motors locked; for calibration.
 
         Parameters
         ----------
