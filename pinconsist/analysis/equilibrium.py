@@ -173,8 +173,8 @@ def equilibrium(mechanism, q0=None, *, forces=(), t: float = 0.0, stable: bool =
     rank = system.nv - place.Z.shape[1]
     if rank < system.rows.nc and system.rank_nearby(place.q, place.Z) > rank:
         raise SingularSystemError(
-            f"{mechanism.name}: the forces balance at a singular position, where the motion branches and the forces in "
-            "the loops are not determined. Change a length slightly, or look for another equilibrium",
+            f"{mechanism.name}: the forces balance at a singular configuration, where the motion branches and the "
+            "forces in the loops are not determined. Change a length slightly, or look for another equilibrium",
             names=tuple(loop.name for loop in mechanism.loops),
         )
     return place.result(iterations)

@@ -145,7 +145,7 @@ class Judgement:
         return Path(file)
 
     def to_html(self, file, *, run: Judged | None = None, speed: float = 1.0) -> Path:
-        """Write a page to `file` that overlays the reference motion and that of another run; return its path.
+        """Write a page to `file` that overlays the reference motion and that of another run, and return its path.
 
         `run` is one of ``rows``; by default the first one of another simulator that moved. `speed` is as in
         :func:`export_html`. Raises InputError if there is no other run, OSError if writing fails.

@@ -287,7 +287,7 @@ def velocity_on_constraints(solver: LoopSolver, q, v=None, kept=None, before=Non
     if miss.max(initial=0.0) > 1e-8 * (1.0 + np.abs(target).max(initial=0.0)):
         names, advice = ", ".join(v) if isinstance(v, Mapping) else "", "name fewer joints"
         if len(s := np.linalg.svd(J, compute_uv=False)) and s[-1] < NEARLY_SINGULAR * s[0]:
-            advice = "loop rows are nearly dependent here, close to a singular position; start a little away from it"
+            advice = "loop rows are nearly dependent here, near a singular configuration; start a little away from it"
         rows = solver.loop_rows.closures if isinstance(v, Mapping) else ()
         if len(J) == mechanism.nv:
             advice = "loops and drives determine all velocities; leave them out"

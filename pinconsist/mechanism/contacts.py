@@ -118,11 +118,9 @@ class Stop(ContactRecord):
         if lower is None and upper is None:
             lower, upper = limits_of(model, self.joint)
             if lower is None and upper is None:
-                raise InputError(f"{who}: joint {self.joint!r} has no limits in its file; give lower= or upper=")
+                raise InputError(f"{who}: joint {self.joint!r} has no limits in its file; pass lower= or upper=")
         if joint.period and (lower is None or upper is None or not (-pi < lower and upper < pi)):
-            raise InputError(
-                f"{who}: joint {self.joint!r} turns without bounds: give it both stops, between -pi and pi"
-            )
+            raise InputError(f"{who}: joint {self.joint!r} is unbounded: specify both stops, between -pi and pi")
         sides = {"lower": (1.0, lower), "upper": (-1.0, upper)}
         return [LimitElement(self, side, joint, *of) for side, of in sides.items() if of[1] is not None]
 

@@ -106,8 +106,7 @@ class Impact:
         lower, upper = self._stops(model, first, turns)
         if turns and not (-pi < lower and upper < pi):
             raise InputError(
-                f"the impact {self.name!r}: joint {self.joint!r} turns without bounds: give it both stops, between -pi "
-                "and pi"
+                f"the impact {self.name!r}: joint {self.joint!r} is unbounded: specify both stops, between -pi and pi"
             )
 
         def position(q):
@@ -131,7 +130,7 @@ class Impact:
         stops = float(model.lowerPositionLimit[first]), float(model.upperPositionLimit[first])
         if turns or not stops[0] < stops[1] or min(map(abs, stops)) >= float_info.max:  # Pinocchio's mark of no limit
             raise InputError(
-                f"the impact {self.name!r}: joint {self.joint!r} has no limits in its file; give upper= or lower="
+                f"the impact {self.name!r}: joint {self.joint!r} has no limits in its file; pass upper= or lower="
             )
         return stops
 

@@ -491,7 +491,7 @@ def reactions(mechanism: Mechanism, names, t, q, lam, axes: str = "world", works
 def undetermined(mechanism: Mechanism, t, q, data=None, rows=None) -> dict[str, float]:
     """Loops whose multipliers are meaningless, with the small relative singular value of their rows.
 
-    This value must be small at all examined times: while a singular position is passed, forces are large but real.
+    This value must be small at all examined times: while a singular configuration is passed, forces are large but real.
     Exactly dependent rows share their load at minimum norm, and are not included.
     """
     data, rows, samples = data or mechanism.model.createData(), rows or LoopRows.of(mechanism), []

@@ -180,7 +180,7 @@ class Certificate:
             why = "redundant loops share their load, see sol.reaction(name)"
             lines.append(f"{'  not unique':<20} those of {listed(self.not_unique)}: {why}")
         if self._too_few_rows:
-            lines.append(f"{'energy balance':<20} not judged: the rows are too few to see the work of the forces")
+            lines.append(f"{'energy balance':<20} not judged: there are too few rows to resolve the work of the forces")
         elif self.energy_error is not None:
             where = "relative to the exchanged energy"
             lines.append(figure("energy balance", self.energy_error, "", "energy" in named, where))
@@ -223,18 +223,18 @@ class Certificate:
             )
         if self.error is not None and self.error.amplified:
             found["error"] = (
-                f"the error is {self.error.tolerances:.0f} times the tolerance: the motion amplifies disturbances, as "
-                f"chaotic motions do; {advice} until the digits suffice, or trust only the beginning of the run"
+                f"the error is {self.error.tolerances:.0f} times the tolerance: the motion amplifies perturbations, as "
+                f"chaotic motions do; {advice} until the accuracy suffices, or trust only the beginning of the run"
             )
         if self.undetermined:
             found["undetermined forces"] = (
-                f"{not_determined(self.undetermined)}; the motion and all loops' Jᵀλ together are right. "
+                f"{not_determined(self.undetermined)}; the motion and the sum of Jᵀλ over all loops are correct. "
                 "mechanism.reduced() removes the redundant rows"
             )
         if self.beyond_limits:
             names = [str(each) for each in self.beyond_limits[:SHOWN]]
             names += [f"and {more} more"] if (more := len(self.beyond_limits) - SHOWN) > 0 else []
-            found["joint limits"] = f"joints leave their limits, which are not enforced: {'; '.join(names)}"
+            found["joint limits"] = f"joints exceed their limits, which are not enforced: {'; '.join(names)}"
         if self.added:
             gains = ", ".join(f"{name or 'without a name'} {share:.2g} times" for name, share in self.added.items())
             found["events"] = (
@@ -244,14 +244,14 @@ class Certificate:
         if self.branches:
             times = ", ".join(f"{t:.6g}" for t in self.branches[:SHOWN]) + ", …" * (len(self.branches) > SHOWN)
             found["branches"] = (
-                f"the loops pass a singular position at t = {times} s, where branches of the motion meet: the run goes "
-                "straight on, but a small force or a small change of a length decides which branch is taken"
+                f"the loops pass a singular configuration at t = {times} s, where branches of the motion meet: the run "
+                "continues straight on, but a small force or a small change of a length decides which branch is taken"
             )
         if self.pulling:
             names = "; ".join(f"{name!r} from t = {t:.6g} s" for name, t in self.pulling.items())
             found["unilateral constraints"] = (
-                f"constraints that can only push would have to pull: {names}; in reality the bodies part there, and "
-                "the motion after it is another one"
+                f"constraints that can only push would have to pull: {names}; in reality the bodies separate there, "
+                "and the motion after that is different"
             )
         if self.saturated:
             shares = ", ".join(f"{name} in {share:.0%} of the rows" for name, share in self.saturated.items())

@@ -133,7 +133,7 @@ class StepLinearization:
         return self._small[1][self._rows]
 
     def frame(self, frame: str) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of the pose of a `frame` after the step with respect to x₀ and u, (6, 2 nv) and (6, m).
+        """The derivatives of the pose of a `frame` after the step with respect to x₀ and u, (6, 2 nv) and (6, m).
 
         The rows are displacement, m, and rotation, rad, in world axes. Raises InputError for an unknown frame.
         """

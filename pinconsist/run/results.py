@@ -319,8 +319,7 @@ class ByName:
         return _dataframe(*self._table(mechanism, forces))
 
     def to_csv(self, file, mechanism=None, *, forces=()) -> Path:
-        """Write the table of :meth:`to_dataframe` to a CSV `file`, with units in the header: ``v.crank [rad/s]``;
-        return its path.
+        """Write the table of :meth:`to_dataframe` with units, ``v.crank [rad/s]``, to a CSV `file` and return its path.
 
         Forces shared by redundant loops have the column name ``lam.hinge.x [N; not unique]``. The file is written
         atomically; `mechanism` and `forces` are as in :meth:`to_dataframe`. Raises OSError if that fails.

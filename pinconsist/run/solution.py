@@ -482,8 +482,7 @@ class Solution(ByName):
         return pictures_of(self, pictures or BOTH, file, mechanism)
 
     def render(self, file, mechanism=None, *, speed=1.0, traces=(), forces=False, at=()) -> Path:
-        """Write a video of the motion, ``.mp4`` or ``.gif``, or drawings of a planar mechanism, ``.svg``; return its
-        path.
+        """Write a video, ``.mp4`` or ``.gif``, or drawings of a planar mechanism, ``.svg``, and return the path.
 
         It is rendered in this process, as on a page but without perspective, and written to `file` atomically. `speed`,
         `traces` and `forces` are as in :func:`pinconsist.export_html`; `at` holds the times to draw in an SVG, s, by
@@ -502,7 +501,7 @@ class Solution(ByName):
         return summary_of(self)
 
     def export_html(self, file, mechanism=None, **options) -> Path:
-        """Write the page of :func:`pinconsist.export_html` to a `file`, with its `options`; return the path.
+        """Write the page of :func:`pinconsist.export_html` to a `file`, with its `options`, and return the path.
 
         `mechanism` is as in :meth:`reaction`.
         """
@@ -522,7 +521,7 @@ class Solution(ByName):
 
     @classmethod
     def load(cls, file) -> Solution:
-        """Load a solution written by :meth:`save` from a `file`, named with its ``.npz``.
+        """The solution written by :meth:`save` to this `file`, named with its ``.npz``.
 
         It has no ``system`` and no ``sol``: :meth:`energy` and :meth:`reaction` need the mechanism, and so does
         :meth:`check` if the verdict was not computed before the run was saved. Raises FormatError, which names the

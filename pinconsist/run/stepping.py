@@ -149,7 +149,7 @@ class Simulation:
 
     @_alone
     def copy(self) -> Simulation:
-        """Return a new run from the state and torques of this one, without its history; laws are shared."""
+        """A new run from the state and torques of this one, without its history; laws are shared."""
         self._renew()
         other, (t, q, v) = object.__new__(type(self)), self.state
         vars(other).update(vars(self))
@@ -193,8 +193,7 @@ class Simulation:
 
     @_alone
     def set_parameters(self, values: Mapping[str, float]) -> State:
-        """Start a new run with a modified mechanism, at the same time and with the same controls; return its initial
-        state.
+        """Start a new run with a modified mechanism, at the same time, with the same controls, and return its state.
 
         `values` are parameters by name, ``{"mass:rod": 0.4}``, as in :meth:`Mechanism.with_parameters`. If lengths have
         changed, the loops are closed from the current state. Raises InputError for unknown names and impossible values,
