@@ -182,8 +182,8 @@ def sensitivities(
     ------
     InputError
         As :func:`simulate`; parameters that change the number of joints or rows, or open redundant loops, or on which
-        the equations do not depend smoothly; an event function that touches zero without crossing it; a sampled law
-        whose derivatives are not known; a parameter that moves a time at which forces jump.
+        the equations do not depend smoothly; an event function that grazes zero, with zero slope; a sampled law whose
+        derivatives are not known; a parameter that moves a time at which forces jump.
     PinconsistError
         The run failed at its start.
     """
