@@ -235,8 +235,8 @@ class EventWatch:
         times = [occurrence[0] for occurrence in self.found[i]]
         return (
             f"the event {self.events[i].name or 'without a name'} accumulates at t = {t:.6g}, after "
-            f"{len(times)} occurrences: the times between them have shrunk to {abs(times[-1] - times[-2]):.1g} s. What "
-            "bounces there comes to rest, which no event can model, but a contact can: in place of the event, "
+            f"{len(times)} occurrences: the times between them have shrunk to {abs(times[-1] - times[-2]):.1g} s. The "
+            "bouncing body comes to rest, which an event cannot model but a contact can: instead of the event, use "
             "mech.with_contacts(pc.Stop(joint, lower, upper, restitution)), or pc.Contact for a point above a plane"
         )
 
