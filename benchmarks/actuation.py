@@ -122,7 +122,7 @@ def _timed(call, calls) -> float:
 
 
 def walk(steps: int, seed: int = 0) -> dict:
-    """A random walk of a five-bar's motors: how often singular positions block it, how often its tip changes sides."""
+    """A random walk of a five-bar's motors: how often a singularity blocks it, how often its tip changes sides."""
     mech, at = load("five_bar"), (DISTAL, 0.0, 0.0)
     tip = Loop("tip", "hinge", "left_distal_bar", "right_distal_bar", xyz1=at, xyz2=at, axis=(0, 1, 0))
     act, rng, blocked, jumps = Actuation(mech.with_loops(tip)), np.random.default_rng(seed), 0, 0
@@ -203,7 +203,7 @@ def command(
     title = f"one call; closure over {STEP:g} rad or m of every motor"
     report.table(rows, ["scene", "velocities>", "motors>", *times], title)
     print(
-        f"\nrandom walk of a five-bar: {walked['steps']} steps, {walked['blocked']} blocked by a singular position, "
+        f"\nrandom walk of a five-bar: {walked['steps']} steps, {walked['blocked']} blocked by a singularity, "
         f"{walked['jumps']} changes of branch, {1e6 * walked['time']:.0f} µs a step"
     )
     if felt:

@@ -233,7 +233,7 @@ def command(csv: report.Csv = None, as_json: output.Json = False) -> int:
     columns: list = ["rtol>:.0e", *times, "dq>:.0e"]
     report.table(happened, columns, "\nthe same of event times, and of dq through a jump")
     columns = ["scene", "steps>", ("run [ms]>", report.scaled("run", 1e3, 1))]
-    columns += [("fixed part>", "{fixed:.2f}"), ("a parameter>", "{parameter:.2f}"), ("backwards>", "{adjoint:.2f}")]
+    columns += [("fixed part>", "{fixed:.2f}"), ("per parameter>", "{parameter:.2f}"), ("backwards>", "{adjoint:.2f}")]
     columns += [("start of one [ms]>", report.scaled("start", 1e3, 1))]
     report.table(costs, columns, "\nprocess time of derivatives at all steps over that of the run, rtol 1e-8")
     columns = ["scene", "parameters>:,", "steps>:,"]

@@ -110,7 +110,7 @@ def _by_peers(sample, csv, as_json) -> int:
             methods,
             ["method", *((f"{kind}>", lambda row, kind=kind: row[kind] or "") for kind in KINDS)],
             f"{len(sample)} cases by each method: held, or refused where that is right; FAILED; "
-            f"{by_peers.CUT} after {by_peers.LIMIT:g} s; {by_peers.CANNOT}: not for it",
+            f"{by_peers.CUT} after {by_peers.LIMIT:g} s; {by_peers.CANNOT}: not applicable",
         )
         columns = ["method", *(f"{family}>" for family in families)]
         report.table(methods, columns, "held or rightly refused, of those tried")

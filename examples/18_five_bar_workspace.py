@@ -31,7 +31,7 @@ def run():
     turns = np.linspace(0.0, 2 * np.pi, 40)
     for i, (q, ok) in enumerate(zip(found["q"], found["ok"], strict=True)):
         if not ok:
-            if found["condition"][i] < 1e-2:  # its path ended at a singular position
+            if found["condition"][i] < 1e-2:  # its path ended at a singular configuration
                 ends.append(act.frame("left_distal_bar").pose(q).act(np.array([DISTAL, 0.0, 0.0]))[[0, 2]])
             continue
         place, J = tip_of(act, q)

@@ -1,4 +1,4 @@
-"""Index-3 BDF and Radau IIA for closed chains on Pinocchio, with multipliers that are right from the first step on.
+"""Index-3 BDF and Radau IIA for closed chains on Pinocchio, with multipliers that are accurate from the first step on.
 
 The public names are those of ``__init__.pyi``. They are loaded when first used, so that the import costs little.
 """

@@ -15,13 +15,13 @@ class PinconsistError(Exception):
 
 
 class InputError(PinconsistError, ValueError):
-    """An argument that cannot be used: wrong size, NaN, unknown name, impossible option. A ValueError too."""
+    """An invalid argument: wrong size, NaN, unknown name, impossible option. Also a ValueError."""
 
 
 class FormatError(PinconsistError, ValueError):
-    """A file that is not a valid scene or recorded run. A ValueError too.
+    """A file that is not a valid scene or recorded run. Also a ValueError.
 
-    ``str(error)`` is the `message` with the file and the element before it.
+    ``str(error)`` is the `message` preceded by the file and the element.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class FormatError(PinconsistError, ValueError):
 class AssemblyError(PinconsistError):
     """No closed configuration, or no velocity on the constraints, was found.
 
-    The `message` names the loops and their gaps, or the velocities, and says what may help.
+    The `message` names the loops and their gaps, or the velocities, and suggests a remedy.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class AssemblyError(PinconsistError):
 class EquilibriumError(PinconsistError):
     """No configuration was found in which the forces balance.
 
-    The `message` says which forces are not balanced, at which joints, and what may help.
+    The `message` says which forces are not balanced, at which joints, and suggests a remedy.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class EquilibriumError(PinconsistError):
 class SingularSystemError(PinconsistError):
     """The equations of motion have no unique solution at a configuration.
 
-    The `message` says what is undetermined, and what may help.
+    The `message` says what is undetermined, and suggests a remedy.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ class SavingError(PinconsistError):
 
 
 class UserFunctionError(PinconsistError):
-    """A function given by the user raised an exception; that exception is the ``__cause__``.
+    """A user-defined function raised an exception; that exception is the ``__cause__``.
 
     ``str(error)`` names the function (`what`), the exception (`error`), the time, and the line that raised it.
 
@@ -132,7 +132,7 @@ class UserFunctionError(PinconsistError):
 
 
 class MissingExtraError(PinconsistError, ImportError):
-    """An optional package is needed; the message says what to install with pip. An ImportError too."""
+    """An optional package is missing; the message says what to install with pip. Also an ImportError."""
 
 
 def warn(message: str) -> None:

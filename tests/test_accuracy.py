@@ -38,7 +38,7 @@ def test_a_chaotic_motion_is_named():
     mech = pc.load("double_pendulum")
     sol = pc.simulate(mech, (0.0, 30.0), dict.fromkeys(mech.joints, 2.5), rtol=1e-6, atol=1e-8)
     assert sol.error.tolerances > 1e3 and f"in tolerances   {sol.error.tolerances:11.0f} " in str(sol.error)
-    assert "the motion amplifies disturbances" in str(sol.check())
+    assert "the motion amplifies perturbations" in str(sol.check())
     assert sol.check(error=False).error is None
 
 

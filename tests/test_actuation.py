@@ -233,7 +233,7 @@ def test_short_ways_and_none_at_all_are_not_blocked(name):
 def test_what_blocks_the_way_is_said():
     act = pc.Actuation(actuated.five_bar())
     q, ok = act.closure([-3.6, 0.3])
-    assert not ok and "singular position" in act.message and "left_distal, right_distal can move" in act.message
+    assert not ok and "singular configuration" in act.message and "left_distal, right_distal can move" in act.message
     ends = actuated.elbows(*q[[0, 2]])
     assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(2 * actuated.DISTAL, abs=1e-5)
     assert act.condition() < 1e-2

@@ -46,10 +46,10 @@ def run(name, tol, **options):
 
 
 def run_as_advised(name, tol):
-    """Where a step ends too close to a singular position, which rounding decides, the message has to help."""
+    """Where a step ends too close to a singular configuration, which rounding decides, the message has to help."""
     build, q0, v0, T = SCENES[name]
     sol = pc.simulate(build(), (0.0, T), q0=q0, v0=v0, rtol=tol, atol=tol, method="BDF")
-    advised = re.search(r"a singular position.*try another rtol, such as (\S+)", sol.message)
+    advised = re.search(r"a singular configuration.*try another rtol, such as (\S+)", sol.message)
     return sol if sol.success else run(name, float(advised[1]))
 
 
@@ -259,7 +259,7 @@ def test_double_four_bar_through_its_singular_positions():
 
 def test_runs_at_rounding_pass_singular_positions_or_name_them():
     """Where rounding fails the error test shorter steps fail it more, and are not tried without end. A step that ends
-    within 1e-6 of a singular position, where velocities are known to 1e-4, cannot be helped: one run in twenty. Which
+    within 1e-6 of a singularity, where velocities are known to 1e-4, cannot be helped: one run in twenty. Which
     one that is, and which step passes with an error that rounding explains, differs from processor to processor.
     """
     mech, good, steps = pc.load("n_four_bar_2"), 0, []

@@ -99,7 +99,7 @@ def test_a_disk_that_is_full_for_a_while_is_tried_again(tmp_path, monkeypatch, c
     with caplog.at_level(logging.WARNING, "pinconsist"):
         sol = pc.record("four_bar", (0.0, 0.5), tmp_path / "run", save_every=0.1)
     assert sol.success and len(tries) == 5 and len(caplog.records) == 2
-    assert "No space left on device, at t = 0.2; the run goes on" in caplog.messages[0]
+    assert "No space left on device, at t = 0.2; the run continues" in caplog.messages[0]
     assert pc.rerun(tmp_path / "run.npz").same
 
 

@@ -33,7 +33,7 @@ def test_a_symmetric_five_bar_falls_through_a_position_where_a_small_torque_deci
         for forces in ([], *([pc.JointTorque({"left_crank": torque})] for torque in (1e-3, -1e-3)))
     )
     found = alone.check()
-    assert len(found.branches) == 1 and found.concerns[-1].startswith("the loops pass a singular position")
+    assert len(found.branches) == 1 and found.concerns[-1].startswith("the loops pass a singular configuration")
     before = times < found.branches[0] - 0.02
     apart = np.abs(pushed[0].q - pushed[1].q).max(axis=1)
     assert apart[before].max() < 0.01 and apart[-1] > 0.5

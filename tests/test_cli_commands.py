@@ -362,7 +362,7 @@ def test_a_coordinate_outside_of_its_limits_is_told(run, bar):
 def test_a_loop_file_that_is_overlooked_is_told_with_the_option_that_names_it(run, bar):
     bar().with_suffix(".yaml").rename("closed.yaml")
     err = run("check", "bar.urdf")[2]
-    assert "closed.yaml beside it describes loops" in err and 'pass it as --loops "closed.yaml"' in err
+    assert "closed.yaml next to it describes loops" in err and 'pass it as --loops "closed.yaml"' in err
 
 
 def test_loops_that_leave_no_motion_are_told(run, bar):

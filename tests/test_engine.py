@@ -284,7 +284,7 @@ def test_strange_spans_end_alike(span):
 def test_the_argument_backend_has_no_effect_and_says_so():
     mech = pc.load("four_bar")
     plain = pc.simulate(mech, (0.0, 0.1))
-    with pytest.warns(UserWarning, match="backend= has no effect any more"):
+    with pytest.warns(UserWarning, match="backend= is deprecated"):
         asked = pc.simulate(mech, (0.0, 0.1), backend="python")
     np.testing.assert_array_equal(asked.lam, plain.lam)
     with pytest.warns(UserWarning, match="backend="):

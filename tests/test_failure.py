@@ -52,7 +52,7 @@ def test_advice_fits_the_method(step, advice):
 
 
 @pytest.mark.parametrize(("told", "options"), [
-    ("give its rate and acceleration as well, or use BDF", {"name": "Radau"}), ("start the run near t = 0", {"t": 1e9}),
+    ("pass its rate and acceleration as well, or use BDF", {"name": "Radau"}), ("start the run near t = 0", {"t": 1e9}),
 ], ids=["drive", "late"])  # fmt: skip
 def test_what_else_to_try(told, options):
     assert told in failure_report(stopped([[1, 0, 0]], **options), FAILURE)
@@ -69,7 +69,7 @@ def test_uncorrected_multipliers_are_blamed_only_where_steps_vary(step, consiste
 
 
 def test_numbers_that_are_not_finite_are_traced_to_the_users_functions():
-    assert "a force or a user's function returned NaN" in failure_report(
+    assert "a force or a user-defined function returned NaN" in failure_report(
         stopped([[1, 0, 0]]), "the residual is not finite"
     )
 

@@ -203,7 +203,7 @@ def test_impacts_that_a_mechanism_cannot_have_are_refused():
     mech = pc.Mechanism(model)
     for impact, words in (
         (pc.Impact("base", upper=1.0, restitution=0.5), "6 degrees of freedom"),
-        (pc.Impact("wheel", upper=1.0, restitution=0.5), "give it both stops"),
+        (pc.Impact("wheel", upper=1.0, restitution=0.5), "specify both stops"),
         (pc.Impact("arm", restitution=0.5), "no limits in its file"),
         (pc.Impact("arm", upper=-1.0, restitution=0.5), "starts 1 beyond"),
         (pc.Impact("amr", upper=1.0, restitution=0.5), "no joint 'amr'"),

@@ -34,5 +34,5 @@ def test_accelerations_that_are_not_finite_say_when():
         R=lambda t, p: np.array([(p @ p - 1.0) / 2]),
     )
     p, v = np.array([0.6, 0.8]), np.zeros(2)
-    with pytest.raises(NotFiniteError, match=r"not finite at t = 0\.3: a force or a user's function"):
+    with pytest.raises(NotFiniteError, match=r"not finite at t = 0\.3: a force or a user-defined function"):
         Index1(problem.at(0.0, p, v)).acceleration(0.3, p, v)

@@ -271,7 +271,7 @@ def test_kept_rows_are_as_many_as_the_rank():
 def test_a_start_at_a_singular_position_is_refused(monkeypatch):
     """A parallelogram with all bars in line: rank 1 here, 2 nearby. Were it not noticed, the run would say so."""
     mech, in_line = pc.load("n_four_bar_1"), np.array([np.pi / 2, -np.pi / 2, np.pi / 2])
-    with pytest.raises(pc.SingularSystemError, match=r"singular position.*B1.*rank 1 here and 2 nearby") as caught:
+    with pytest.raises(pc.SingularSystemError, match=r"singular configuration.*B1.*rank 1 here and 2 nearby") as caught:
         pc.simulate(mech, (0.0, 1.0), in_line)
     assert caught.value.names == ("B1",)
     monkeypatch.setattr("pinconsist.mechanism.system.NEARBY", 0.0)

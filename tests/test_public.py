@@ -253,7 +253,8 @@ def told(doc):
     return {word for part in (*heads, *re.findall(r"`+([^`]+)`+", doc)) for word in re.findall(r"\w+", part)}
 
 
-SAYS_WHAT = re.compile(r"(The|A|An|What|Where|Whether|How)\b|\W|\w\b")  # "The index …", "(Φ, ρ), …", "U at …"
+SAYS_WHAT = re.compile(r"(The|A|An|What|Where|Whether|How)\b|\W|\w\b|\w+ .*\band return (its|the) ")
+"""As in "The index …", "(Φ, ρ), …", "U at …", "Write … and return its path"."""
 
 
 @pytest.mark.parametrize(("public", "function"), list(documented()))

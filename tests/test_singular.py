@@ -1,4 +1,4 @@
-"""Runs through singular positions: n four-bars side by side, whose loops all lose a row where the cranks lie level."""
+"""Runs through singularities: n four-bars side by side, whose loops all lose a row where the cranks lie level."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def passed(n, until, **how):
 @pytest.mark.parametrize("tol", [1e-5, 1e-7, 6.3e-9])
 @pytest.mark.parametrize("n", [16, 20])
 def test_kept_matrices_do_not_end_a_run(n, tol):
-    """Matrices are kept from 32 velocities on; beside singular positions one of a few steps ago leads astray."""
+    """Matrices are kept from 32 velocities on; beside singular configurations one of a few steps ago leads astray."""
     sol = passed(n, 2.0, rtol=tol, atol=tol)
     assert sol.njev < sol.nsteps  # and yet some are kept
 

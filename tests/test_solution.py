@@ -617,7 +617,7 @@ def test_joints_that_leave_their_limits_are_named(limits, start, speed, first, t
     lines = [line for line in str(found).splitlines() if line.startswith("note")]
     assert found.ok is not found.verdict.endswith("look at joint limits") is bool(told)
     assert len(lines) == bool(told)
-    assert not told or lines[0].startswith(f"note: joints leave their limits, which are not enforced: {told}")
+    assert not told or lines[0].startswith(f"note: joints exceed their limits, which are not enforced: {told}")
 
 
 def test_limits_of_joints_of_several_coordinates_and_of_quaternions():

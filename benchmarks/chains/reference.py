@@ -25,7 +25,7 @@ SINGULAR, TOO_LONG = "singular", "not done in its time"
 
 
 class Broken(Exception):
-    """The reference does not reach the end: a singular position, or not within its time."""
+    """The reference does not reach the end: a singular configuration, or not within its time."""
 
 
 class Kinematics:

@@ -16,7 +16,7 @@ from .case import EITHER, HELD, REFUSED, Case, Figure, certified, largest, relat
 
 
 def cases():
-    singular, redundant = "singular position", "redundant loops"
+    singular, redundant = "singular configuration", "redundant loops"
     for n in (1, 2, 5):
         yield Case(singular, f"{n} parallelograms through several", partial(_parallelograms, n, 2.0, 0.0))
     for exponent in range(1, 13):

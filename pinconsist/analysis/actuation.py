@@ -20,17 +20,18 @@ from .variations import Varied
 class Actuation(Motors):
     """The map from the motors of a mechanism to all of its joints, and back.
 
-    If the motors leave motions free, such as the spin of a rod between two balls, a warning is issued and ``free``
-    names a joint for each of them: :meth:`closure` and :meth:`jacobian` hold these joints fixed, and in the dynamics
-    they carry no torque. If there are more motors than motions, the torques of least norm are computed.
+    If the motors leave degrees of freedom unactuated, such as the spin of a rod between two balls, a warning is issued
+    and ``free`` names a joint for each of them: :meth:`closure` and :meth:`jacobian` hold these joints fixed, and in
+    the dynamics they carry no torque. If there are more motors than degrees of freedom, the torques of least norm are
+    computed.
 
     Parameters
     ----------
     mech : Mechanism
         Drives, servos and actuators of the motors are removed; all other forces act.
     motors : sequence of str, optional
-        Joint names. Default: ``mech.actuated``. A joint of several degrees of freedom has a motor for each. The
-        free-flyer of a floating robot must be listed, too.
+        Joint names. Default: ``mech.actuated``. A joint with several degrees of freedom has a motor for each. The
+        free-flyer of a floating robot must be listed as well.
     q0 : mapping or array, optional
         The initial configuration, closed as by :func:`assemble`. Default: the mechanism's guess.
 
@@ -59,8 +60,8 @@ class Actuation(Motors):
     def jacobian(self, q=None) -> np.ndarray:
         """A = dq/dq_motors, shape (nv, m), in a closed configuration `q`, by default the last one.
 
-        If there are more motors than motions, v = A v_motors holds for consistent motor velocities. Raises
-        SingularSystemError in a singular position; the message names the joints that can move there.
+        If there are more motors than degrees of freedom, v = A v_motors holds for consistent motor velocities. Raises
+        SingularSystemError in a singular configuration; the message names the joints that can move there.
         """
         q = self._q(q)
         Z, _ = self._basis(q)
@@ -75,7 +76,7 @@ class Actuation(Motors):
         return self.acceleration(q, v, np.zeros(len(self.motors)))
 
     def derivatives(self, parameters, q=None) -> np.ndarray:
-        """How the configuration changes with parameters of the mechanism while the motors are held: for calibrations.
+        """Derivatives of the configuration with respect to parameters, with the motors locked; for calibration.
 
         Parameters
         ----------
@@ -94,7 +95,7 @@ class Actuation(Motors):
         InputError
             Unknown parameters; one that opens redundant loops; configurations that are not closed.
         SingularSystemError
-            A singular position.
+            A singular configuration.
         """
         return of_parameters(self, parameters, q)
 
@@ -122,7 +123,7 @@ class Actuation(Motors):
         return reduced.Z[:, : len(y)] @ y + reduced.drift
 
     def limits(self, q=None) -> list[MotorRange]:
-        """How far each motor can go with the others held, from a closed configuration `q`, by default the last one.
+        """The range of each motor with the others locked, from a closed configuration `q`, by default the last one.
 
         See :class:`MotorRange`. Joint limits are those of the file; if a joint is outside its limits, the range is
         empty.
@@ -139,7 +140,7 @@ class Actuation(Motors):
         return reduced.share.T @ reduced.M @ reduced.share
 
     def bias(self, q=None, v=None, *, t: float = 0.0) -> np.ndarray:
-        """The torques h_a, shape (m,), N·m or N, that keep the motors' velocities constant; by default at rest.
+        """The torques h_a, shape (m,), N·m or N, that keep the motor velocities constant; by default at rest.
 
         `q` and `v` are as in :meth:`velocity`. Weights, springs, dampers and all other forces act; those that depend on
         time are evaluated at `t`, s.
@@ -169,7 +170,7 @@ class Actuation(Motors):
         return reduced.seen @ y + reduced.drift[self._columns]
 
     def torques(self, q=None, v=None, a=None, *, forces=None, t: float = 0.0) -> MotorTorques:
-        """The motor torques for a motion, those of least norm if motors share the load, and the reactions of the loops.
+        """The motor torques for a motion, of least norm if motors share the load, and the reactions of the loops.
 
         Parameters
         ----------
@@ -190,7 +191,8 @@ class Actuation(Motors):
         Raises
         ------
         SingularSystemError
-            A singular position; or `a` prescribes the accelerations of all joints, and free motions would need torques.
+            A singular configuration; or `a` prescribes the accelerations of all joints, and free joints would need
+            torques.
         InputError
             Unknown names, wrong sizes.
         """
@@ -233,7 +235,7 @@ class Actuation(Motors):
 
         Its functions ``name_closure``, ``name_jacobian`` and ``name_dynamics`` (mass matrix and bias) need no libraries
         and no allocation; the head of the file documents their calls. The closure makes a fixed number of Newton
-        steps, so that distant motor positions require several calls.
+        iterations, so that distant motor positions require several calls.
 
         Returns
         -------

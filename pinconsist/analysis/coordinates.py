@@ -3,7 +3,7 @@
 The coordinates y are as many velocity columns as the loops leave free: those of the motors first, then others if the
 motors leave motions free. The remaining columns p are dependent. Each step of a path is predicted along the tangent,
 δp = -B⁻¹ J_y δy with B = J_p, and closed by Newton's method in p. A step is accepted if the prediction is good,
-Newton's corrections decrease at once, and det B keeps its sign: det B vanishes in the singular positions, where
+Newton's corrections decrease at once, and det B keeps its sign: det B vanishes in the singular configurations, where
 assembly modes meet, and only there. In C++: ``engine/closure.hpp``.
 """
 
@@ -21,15 +21,15 @@ from .variations import step_sizes
 
 SINGULAR = 1e-10  # 1 / (|B| |B⁻¹|) below which a position counts as singular
 LONGEST_MOTION = 0.6  # rad, or lengths of the mechanism: largest motion of a joint in a step
-SHORTEST = 1e-8  # of the coordinates: shortest step, unless it leads away from a singular position
-OUTWARD = 1e-4  # relative to that: shortest step away from a singular position
+SHORTEST = 1e-8  # of the coordinates: shortest step, unless it leads away from a singular configuration
+OUTWARD = 1e-4  # relative to that: shortest step away from a singular configuration
 MISS = 0.25  # relative to the step: largest first correction of the prediction
 SHRINK = 0.25  # largest ratio of successive corrections
 AIM = 0.5  # relative to MISS: first correction that the next step size aims at
 LEAST, FURTHER = 0.1, 4.0  # smallest and largest ratio of successive step sizes
 ENOUGH = 3e-9  # rad, or lengths: after such a correction, Newton's error is rounding
 CORRECTIONS = 8  # corrections
-TRIES = 400  # steps; paths that need more follow a singular position
+TRIES = 400  # steps; paths that need more follow a singular configuration
 NUMBERS = (LONGEST_MOTION, SHORTEST, MISS, SHRINK, AIM, LEAST, FURTHER, ENOUGH, CORRECTIONS)
 
 

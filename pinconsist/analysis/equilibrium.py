@@ -51,8 +51,8 @@ class Equilibrium(Locked, HasReactions):
     residual : float
         Largest entry of |g - τ - Jᵀλ|, N·m or N.
     stiffness : ndarray, shape (mobility,)
-        Eigenvalues, ascending, of the symmetric part of the stiffness on the displacements that the loops allow, of
-        unit length in joint coordinates, N·m/rad (or N/m). Values that cannot be distinguished from zero are zero.
+        Eigenvalues, ascending, of the symmetric part of the stiffness on the admissible displacements, normalised in
+        joint coordinates, N·m/rad (or N/m). Values that cannot be distinguished from zero are zero.
     neutral : tuple of str
         Joints of the displacements with zero stiffness.
     iterations : int
@@ -70,7 +70,7 @@ class Equilibrium(Locked, HasReactions):
 
     @property
     def stable(self) -> bool:
-        """Whether every small displacement that the loops allow is resisted: all of `stiffness` is positive.
+        """Whether every small admissible displacement is resisted: all entries of `stiffness` are positive.
 
         If forces have no potential (follower forces, a servo of one joint on another), this excludes divergence but not
         flutter; see :meth:`Linearization.modes`.
@@ -146,7 +146,7 @@ def equilibrium(mechanism, q0=None, *, forces=(), t: float = 0.0, stable: bool =
     AssemblyError
         The loops cannot be closed.
     SingularSystemError
-        The equilibrium is at a singular position, where the forces in the loops are not determined.
+        The equilibrium is at a singular configuration, where the forces in the loops are not determined.
     InputError
         Invalid arguments.
     """
@@ -173,8 +173,8 @@ def equilibrium(mechanism, q0=None, *, forces=(), t: float = 0.0, stable: bool =
     rank = system.nv - place.Z.shape[1]
     if rank < system.rows.nc and system.rank_nearby(place.q, place.Z) > rank:
         raise SingularSystemError(
-            f"{mechanism.name}: the forces balance at a singular position, where the motion branches and the forces in "
-            "the loops are not determined. Change a length slightly, or look for another equilibrium",
+            f"{mechanism.name}: the forces balance at a singular configuration, where the motion branches and the "
+            "forces in the loops are not determined. Change a length slightly, or look for another equilibrium",
             names=tuple(loop.name for loop in mechanism.loops),
         )
     return place.result(iterations)

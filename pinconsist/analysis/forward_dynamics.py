@@ -1,4 +1,4 @@
-"""Forward dynamics: accelerations and multipliers of given states under given torques, for one state or many."""
+"""Forward dynamics: accelerations and multipliers of states under joint torques, for one state or many."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def forward_dynamics(mech: Mechanism, q, v=None, tau=None, *, forces=(), t: floa
     Parameters
     ----------
     mech : Mechanism
-        Its own forces act: damping, springs, actuators.
+        The mechanism, with its own forces: damping, springs, actuators.
     q : array, shape (nq,) or (n, nq)
         Configurations in which the loops are closed, to 1e-3 m or rad.
     v : array, shape (nv,) or (n, nv), optional
@@ -60,7 +60,7 @@ def forward_dynamics(mech: Mechanism, q, v=None, tau=None, *, forces=(), t: floa
     AssemblyError
         A loop is open.
     SingularSystemError
-        A joint can move without inertia, or a singular position.
+        A joint can move without inertia, or the configuration is singular.
     """
     mech = with_added_forces(mech, forces, "forward_dynamics")
     require_no_contacts(mech, "forward_dynamics")

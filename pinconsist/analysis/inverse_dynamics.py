@@ -75,7 +75,7 @@ def inverse_dynamics(mechanism, times, q0=None, *, forces=()) -> InverseDynamics
 
     At each time the loops and the drives determine the configuration, their derivatives the velocity and the
     acceleration, and the equations of motion the multipliers and the motor torques. Between the times the configuration
-    is followed, with smaller steps where it changes fast, so that it stays on its branch.
+    is tracked, with smaller steps where it changes fast, so that it stays on its branch.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def inverse_dynamics(mechanism, times, q0=None, *, forces=()) -> InverseDynamics
     Raises
     ------
     SingularSystemError
-        The drives leave some joints free, or are at a dead centre, or are more than the free motions and contradict
+        The drives leave some joints free, or are at a dead centre, or outnumber the degrees of freedom and contradict
         each other. The message names the joints and the time.
     AssemblyError
         The loops cannot follow the drives; the message gives the time, and the error carries the last configuration.

@@ -1,4 +1,4 @@
-"""Small motions about a state, in the coordinates that the loops leave free."""
+"""Small motions about a state, in independent coordinates."""
 
 from dataclasses import dataclass, field
 

@@ -182,7 +182,7 @@ class MotorRange:
     lower_condition, upper_condition : float
         :meth:`Actuation.condition` at the ends.
     lower_moves, upper_moves : tuple of str
-        Joints that can move with all motors held in the singular position at the end.
+        Joints that can move with all motors held in the singular configuration at the end.
     """
 
     motor: str

@@ -95,7 +95,7 @@ class Motors:
 
         The motors are moved there from the last configuration, or from `q`, all at once and in steps that keep the
         assembly mode. If that is not possible, `ok` is False, the configuration is the last one on the path, and
-        ``message`` gives the reason: a singular position, or the end of the reach.
+        ``message`` gives the reason: a singular configuration, or the end of the reach.
 
         Parameters
         ----------
@@ -209,7 +209,7 @@ class Motors:
         sizes, motions = self._chosen.weakest(q)
         n = self._chosen.n_motors
         names = ", ".join(joints_in(self.mechanism, motions[:, n - 1 : len(sizes) - len(self.free)]))
-        where = f"a singular position, condition {sizes[n - 1]:.1e}, where {names} can move with the motors held"
+        where = f"a singular configuration, condition {sizes[n - 1]:.1e}, where {names} can move with the motors held"
         if self.free:
             held, motions = self._chosen.weakest(q, self._chosen.columns)
             if held[-1] < sizes[n - 1]:

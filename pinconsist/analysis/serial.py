@@ -1,8 +1,8 @@
-"""Serial equivalents: a closed chain that moves some joints, as rotor inertia, torque and speed of these joints alone.
+"""Serial equivalents: a closed chain represented by rotor inertia, torque and speed of the joints that it moves.
 
 With v_motors = T v_joints at a configuration, power gives τ_joints = Tᵀ τ_motors, and kinetic energy the inertia
-Tᵀ diag(rotors) T. They depend on the configuration and couple the joints; a tree as learning software reads it has one
-number for each joint, and what this costs is measured over a workspace.
+Tᵀ diag(rotors) T. They depend on the configuration and couple the joints; the trees of learning software have one
+number for each joint, and the resulting error is measured over a workspace.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ SHARE = 0.5  # of the range of a joint that a default workspace covers, in each 
 
 @dataclass(frozen=True)
 class DiagonalCost:
-    """What one number for each joint costs over a workspace.
+    """The error of using one number for each joint, over a workspace.
 
     Attributes
     ----------
     workspace : dict
-        Joint → (lowest, highest position) that were looked at, rad or m; ``points`` configurations of it could be
-        reached, of ``tried``.
+        Joint → (lowest, highest position) examined, rad or m; ``points`` configurations of it could be reached, out of
+        ``tried``.
     armature : float
-        Largest error of the diagonal rotor inertia, relative to the whole inertia that the joints feel there.
+        Largest error of the diagonal rotor inertia, relative to the total inertia reflected to the joints there.
     torque : float
         Smallest share of the box of the torque limits that the motors can exert; 0.5 for a rhombus.
     torque_least, speed_least : dict
@@ -63,7 +63,7 @@ class DiagonalCost:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SerialEquivalent:
-    """Joints of a tree that stand for a closed chain; ``print`` shows them as a table.
+    """Joints of a tree that represent a closed chain; ``print`` shows them as a table.
 
     Arrays have the order of ``joints``; the unit of a turning joint is rad and N·m, of a sliding one m and N.
 
@@ -76,26 +76,27 @@ class SerialEquivalent:
     T : ndarray, shape (m, n)
         Speeds of the motors for unit speeds of the joints; τ_joints = Tᵀ τ_motors.
     rotors, linkage, inertia : ndarray, shape (n, n)
-        Inertia that the joints feel: of the motors' rotors (armature); of the bodies that a tree without the loops
-        would not have, such as cranks and rods; and of everything, with all other motors held.
+        Inertia reflected to the joints: of the motors' rotors (armature); of the bodies that a tree without the loops
+        would not have, such as cranks and rods; and of everything, with all other motors locked.
     armature : ndarray, shape (n,)
-        The best single numbers for ``rotors + linkage`` over the workspace: their mean diagonal, kg·m² or kg.
+        The best constant values for ``rotors + linkage`` over the workspace: their mean diagonal, kg·m² or kg.
     torque_vertices : ndarray, shape (k, n)
-        The corners of the torques that the motors can exert together; empty if an effort limit is missing.
+        The vertices of the set of feasible joint torques; empty if an effort limit is missing.
     torque : ndarray, shape (n,)
         Largest torque of each joint while the others have none.
     torque_together : ndarray, shape (n,)
-        Torques that the joints can exert together, in all combinations of signs, in the proportions of ``torque``.
+        Torques that the joints can exert simultaneously, in all combinations of signs, in the proportions of
+        ``torque``.
     speed, speed_together : ndarray, shape (n,)
         The same for speeds.
     position : ndarray, shape (n, 2)
-        How far each joint can go from `q` with the others held: limits of joints and motors, and singular positions.
+        Range of each joint from `q` with the others locked: limits of joints and motors, and singular configurations.
     stiffness_matrix, damping_matrix : ndarray, shape (n, n), or None
         Tᵀ diag(k) T of the motors' gains.
     stiffness, damping : ndarray, shape (n,), or None
         Their best diagonals over the workspace.
     cost : DiagonalCost
-        What the single numbers cost.
+        The error of the constant values.
     """
 
     joints: tuple[str, ...]
@@ -125,17 +126,17 @@ class SerialEquivalent:
     __repr__ = __str__
 
     def to_yaml(self, file=None) -> str:
-        """A YAML text with the numbers of each joint, the matrices and the corners of torques; also written to `file`.
+        """A YAML text with the numbers of each joint, the matrices and torque vertices; optionally written to `file`.
 
         Raises OSError if the file cannot be written.
         """
         return _written(_yaml(self), file)
 
     def to_mjcf(self, file=None) -> str:
-        """The joints as MJCF elements, to be merged into those of a tree: also written to `file`.
+        """The joints as MJCF elements, to be merged into those of a tree; optionally written to `file`.
 
         A ``joint`` has ``armature``, ``range`` and ``actuatorfrcrange``, the torque that it can exert alone; a
-        ``position`` actuator has the gains, if there are any. A comment says what the single numbers cost. Raises
+        ``position`` actuator has the gains, if there are any. A comment states the error of the constant values. Raises
         OSError if the file cannot be written.
         """
         return _written(_mjcf(self), file)
@@ -145,10 +146,10 @@ def serial_equivalent(
     mech: Mechanism, joints, motors=None, q0=None, *, efforts=None, speeds=None, stiffness=None, damping=None,
     workspace=None,
 ) -> SerialEquivalent:  # fmt: skip
-    """What a closed chain is to the `joints` that it moves: rotor inertia, torques, speeds, ranges and gains.
+    """The equivalent of a closed chain at the `joints` that it moves: rotor inertia, torques, speeds, ranges and gains.
 
-    For those who simulate or learn with a tree: an ankle of two motors and rods becomes two joints, with the numbers
-    that pitch and roll feel.
+    For simulation or learning with a tree: an ankle with two motors and rods becomes two joints, pitch and roll, with
+    the corresponding inertia, torques and gains.
 
     Parameters
     ----------
@@ -156,7 +157,7 @@ def serial_equivalent(
     joints : sequence of str
         Joints of one degree of freedom that remain in the tree, such as pitch and roll of an ankle.
     motors : sequence of str, optional
-        The motors that move them. Default: those of ``mech.actuated`` that move when the joints do, the others held.
+        The motors that move them. Default: those of ``mech.actuated`` that move when the joints do, the others locked.
     q0 : mapping or array, optional
         The configuration, closed as by :func:`assemble`. Default: the mechanism's guess.
     efforts, speeds : number or mapping, optional
@@ -164,8 +165,8 @@ def serial_equivalent(
     stiffness, damping : number or mapping, optional
         Motor → gain k and d of its servo, N·m/rad and N·m·s/rad.
     workspace : mapping, optional
-        Joint → (lowest, highest position), where the cost of single numbers is measured. Default: half of the range of
-        each joint around `q0`, 0.5 rad or m at most.
+        Joint → (lowest, highest position), where the error of constant values is measured. Default: half of the range
+        of each joint around `q0`, 0.5 rad or m at most.
 
     Returns
     -------
@@ -176,7 +177,7 @@ def serial_equivalent(
     InputError
         Joints that no motor moves, or that move without the motors; unknown names; numbers that are not positive.
     AssemblyError, SingularSystemError
-        The loops cannot be closed; a singular position.
+        The loops cannot be closed; a singular configuration.
     """
     require_mechanism(mech, "serial_equivalent")
     require_no_contacts(mech, "serial_equivalent")

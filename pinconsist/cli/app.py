@@ -31,7 +31,7 @@ from .sweep import sweep
 
 OVERVIEW = """\
 pinconsist simulates closed-chain mechanisms, with constraint forces that are
-right from the first step on.
+accurate from the first step on.
 
   pinconsist models                               the built-in scenes
   pinconsist check four_bar                       loops, rank, mobility
@@ -42,18 +42,18 @@ right from the first step on.
   pinconsist resume run.npz                       continue an interrupted run
   pinconsist plot run.npz --what drift,energy     plot it
   pinconsist replay run.npz                       play it in the browser
-  pinconsist render run.npz run.mp4               a film for a slide
+  pinconsist render run.npz run.mp4               a video for a slide
   pinconsist compare problem51 --step 0.01 0.001  exact and consistent starts
   pinconsist sweep four_bar --vary crank=0:1:.1   many runs, in a table
   pinconsist sensitivity four_bar --of crank --to mass
                                                   effect of parameters
-  pinconsist referee four_bar                     how wrong other simulators are
-  pinconsist convert four_bar four_bar.xml        another kind of file
+  pinconsist referee four_bar                     errors of other simulators
+  pinconsist convert four_bar four_bar.xml        another file format
 
 A scene is a built-in name, a file (.urdf, .xacro, .sdf, .xml, .usd, .wbt), or a
 folder that contains one .urdf. Options of a command: pinconsist COMMAND --help"""
 
-SCENE = "2 wrong input, loops that cannot close, or a singular position"
+SCENE = "2 wrong input, loops that cannot close, or a singular configuration"
 SAVED = "(the run up to there is saved by --out)"
 RESUMED = "(the run up to there is in the file)"
 SHOWN = f"1 the integration of a scene failed (the run up to there is shown); {SCENE}; 130 interrupted"
@@ -75,7 +75,7 @@ COMMANDS: dict[Callable, str] = {
     "FILE.csv.partial)",
     sensitivity: f"{SCENE}; 130 interrupted",
     referee: f"{SCENE}; 130 interrupted",
-    convert: "2 wrong input, loops that cannot close, or what the other kind of file cannot say; 130 interrupted",
+    convert: "2 wrong input, loops that cannot close, or what the other format cannot represent; 130 interrupted",
 }
 """Each command and its exit codes other than 0."""
 
@@ -243,7 +243,7 @@ def _meant(reason, arguments, context) -> str:
 def overview(
     context: typer.Context, version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False
 ):
-    """Simulate closed-chain mechanisms, with constraint forces that are right from the first step on."""
+    """Simulate closed-chain mechanisms, with constraint forces that are accurate from the first step on."""
     if version:
         print(f"pinconsist {pc.__version__}")
         raise typer.Exit()

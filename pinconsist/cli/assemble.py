@@ -21,7 +21,7 @@ def assemble(
     html: Annotated[Text, option("--html", "FILE", "Write a page with the modes side by side.", PAGE)] = None,
     as_json: output.Json = False,
 ) -> None:  # fmt: skip
-    """Close the loops of a scene, in one configuration or in all modes of assembly.
+    """Close the loops of a scene, in one configuration or in all assembly modes.
 
     Example: pinconsist assemble four_bar --at crank=0.5 --all-modes
     """

@@ -51,7 +51,7 @@ def _is_installed(robot) -> bool:
 def check(source: scene.Scene, as_json: output.Json = False) -> int:
     """Describe a scene: bodies, loops, rank, redundant rows, mobility, and its closed configuration.
 
-    --at sets the position. At a singular position more rows are dependent, the
+    --at sets the position. At a singular configuration more rows are dependent, the
     mobility is larger, and the exit code is 2.
 
     Example: pinconsist check four_bar --at crank=pi/2

@@ -19,16 +19,16 @@ KINDS = (".urdf", ".sdf", ".xml", ".mjcf", ".usda", ".usd")
 def convert(
     source: scene.Scene,
     file: Annotated[str, typer.Argument(metavar="FILE", help=(
-        "The file to write; its ending selects the kind: .urdf (with its loop file), .sdf, .xml (MJCF), .usda."))],
+        "The file to write; its extension selects the format: .urdf (with its loop file), .sdf, .xml (MJCF), .usda."))],
     without: Annotated[Texts, option(
-        "--without", "NAME", "Leave out this loop, drive, coupling or force, by the name that a refusal or check has; "
-        "may be repeated.", RESULTS)] = None,
+        "--without", "NAME", "Leave out this loop, drive, coupling or force, by its name in an error message or in "
+        "check; may be repeated.", RESULTS)] = None,
     as_json: output.Json = False,
 ) -> None:  # fmt: skip
-    """Write a scene as another kind of file.
+    """Write a scene in another file format.
 
-    What the other kind cannot say is refused by name, and nothing is written. The
-    file is read back before and must move as the scene does.
+    Anything that the format cannot represent is named in an error, and nothing is
+    written. Before that, the file is read back and must move as the scene does.
 
     Example: pinconsist convert four_bar four_bar.xml
     """

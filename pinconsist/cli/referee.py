@@ -19,30 +19,30 @@ def referee(
     with_velocity: scene.WithVelocity = None,
     control: scene.Control = None,
     motion: Annotated[Text, option(
-        "--motion", "FILE.csv", "Positions of joints over time, columns t and joints, which they are to follow: by the "
-        "torques of the true dynamics and a PD law of 10 Hz, the same for all simulators.", scene.START)] = None,
+        "--motion", "FILE.csv", "Positions of joints over time, columns t and joints, which they are to follow: by "
+        "the torques of the exact dynamics and a PD law of 10 Hz, the same for all simulators.", scene.START)] = None,
     log: Annotated[Text, option(
-        "--log", "FILE.csv", "Judge this log of another simulator or robot: columns t, q.JOINT, and if there v.JOINT, "
+        "--log", "FILE.csv", "Judge this log of another simulator or robot: columns t, q.JOINT, optionally v.JOINT, "
         "command.ACTUATOR, torque.JOINT, force.LOOP.x y z; units in brackets.", JUDGED)] = None,
     tool: Annotated[Texts, option(
         "--tool", "NAME", "Judge this simulator: mujoco, pinocchio or pinconsist; may be repeated. Default: all that "
         "are installed; none with --log.", JUDGED)] = None,
     below: Annotated[float, option(
-        "--below", "PERCENT", "Force error for which the cheapest setting is sought.", JUDGED)] = 1.0,
+        "--below", "PERCENT", "Force error for which the cheapest setting is searched for.", JUDGED)] = 1.0,
     budget: Annotated[float, option(
         "--budget", "SECONDS", "Time that one run may take; finer settings are left out.", JUDGED)] = 10.0,
     html: Annotated[Text, option(
-        "--html", "FILE.html", "Write a page that plays the true motion and that of the first other simulator over "
-        "each other.", RESULTS)] = None,
+        "--html", "FILE.html", "Write a page that overlays the reference motion and that of the first other "
+        "simulator.", RESULTS)] = None,
     speed: Annotated[Number, option("--speed", "FACTOR", "Speed of the page; 0.1: slow motion.", RESULTS)] = None,
     table: Annotated[Text, option("--csv", "FILE.csv", "Write all runs as a table.", RESULTS)] = None,
     as_json: output.Json = False,
 ) -> int:  # fmt: skip
-    """How wrong the loop forces of other simulators are on a scene, and with which settings they are right.
+    """Measure the errors of the loop forces of other simulators on a scene, with several settings.
 
-    The same motion runs in MuJoCo, in Pinocchio's constrained dynamics and here,
-    each with several settings, and is compared with a reference on which two
-    methods agree. Or the log of a simulator that is not here is judged.
+    The same motion is simulated in MuJoCo, in Pinocchio's constrained dynamics and
+    in pinconsist, each with several settings, and compared with a reference on
+    which two methods agree. Alternatively, the log of another simulator is judged.
 
     Example: pinconsist referee crank_rocker --with-velocity crank=12 --until 2
     """

@@ -34,7 +34,7 @@ def replay(
     no_browser: Annotated[bool, option(
         "--no-browser", None, "Only print the page's address and serve it until Ctrl-C.")] = False,
 ) -> int:  # fmt: skip
-    """Play a saved run, or a scene, in the browser.
+    """Play a saved run or a scene in the browser.
 
     Example: pinconsist replay run.npz --forces --trace coupler_tip --speed 0.5
     """
@@ -70,7 +70,7 @@ def _serve(mech, sol, options, no_browser):
 def render(
     source: scene.RunOrScene,
     out: Annotated[str, typer.Argument(
-        metavar="FILE", help="A film (.mp4 or .gif), or drawings of a planar mechanism (.svg).")],
+        metavar="FILE", help="A video (.mp4 or .gif), or drawings of a planar mechanism (.svg).")],
     at: Annotated[list[float] | None, option(
         "--at", "SECONDS ...", "Times to draw in an .svg. Default: the start.")] = None,
     scene_of_run: scene.SceneOfRun = None,
@@ -79,7 +79,7 @@ def render(
     traces: scene.Traces = None,
     speed: scene.Speed = None,
 ) -> int:  # fmt: skip
-    """Make a film of a saved run or a scene, or draw it at given times.
+    """Make a video of a saved run or a scene, or draw it at given times.
 
     Example: pinconsist render run.npz run.mp4 --forces
     """
@@ -104,13 +104,13 @@ def plot(
     )] = "trajectory,multipliers",
     of: Annotated[Texts, option(
         "--of", "QUANTITY", 'Instead, any quantity over time, in quotes: "reaction PIN", "position FOOT z", "energy '
-        'kinetic"; may be repeated. Each unit has a picture of its own.')] = None,
+        'kinetic"; may be repeated. Each unit has its own panel.')] = None,
     out: Annotated[Text, option("--out", "FILE.png", "The figure (or .pdf, .svg). Default: NAME.png here.")] = None,
     until: scene.Until = None,
     scene_of_run: scene.SceneOfRun = None,
     as_json: output.Json = False,
 ) -> int:  # fmt: skip
-    """Plot a saved run, or a scene.
+    """Plot a saved run or a scene.
 
     Example: pinconsist plot run.npz --what multipliers,energy --out run.png
     """

@@ -80,7 +80,7 @@ def source_of(
     loops: Annotated[Text, option(
         "--loops", "FILE", "Loop file (YAML). Default: the one next to the .urdf.", SCENE)] = None,
     closure: Annotated[Text, option(
-        "--closure", "KIND", "Close all points, frames and hinges by this kind: point, frame or hinge.", SCENE)] = None,
+        "--closure", "KIND", "Use this kind for all points, frames and hinges: point, frame or hinge.", SCENE)] = None,
     free_flyer: Annotated[bool, option(
         "--free-flyer", None, "Let the root link float instead of fixing it to the ground.", SCENE)] = False,
     package_dirs: Annotated[Texts, option(
@@ -163,7 +163,7 @@ def joint_values(texts, option: str, kind: str = "joint") -> dict[str, list[floa
 
 
 def number(text) -> float:
-    """A number; also a multiple of pi, as only exact values are singular positions, or degrees, such as 30deg."""
+    """A number; also a multiple of pi, as only exact values are singular configurations, or degrees, such as 30deg."""
     text = text.replace(" ", "")
     if text.endswith("deg"):
         return number(text.removesuffix("deg")) * pi / 180.0

@@ -31,9 +31,9 @@ def sensitivity(
 ) -> int:  # fmt: skip
     """Simulate a scene, and print the effect of its parameters at the end of the run.
 
-    Each parameter has a row: its value, the derivatives of the quantity by it,
-    and the change of the quantity if the parameter grows by one percent. Lengths
-    that would open a redundant loop are listed and left out.
+    Each parameter has a row: its value, the derivatives of the quantity with respect
+    to it, and the change of the quantity if the parameter increases by one percent.
+    Lengths that would open a redundant loop are listed and left out.
 
     Example: pinconsist sensitivity jansen_leg --of foot --to mass length --until 0.3
     """

@@ -21,7 +21,7 @@ def simulate(
     control: scene.Control = None,
     step: scene.Step = None,
     order: Annotated[Count, option(
-        "--order", "K", "Radau: 1, 3, 5, 9 or 13 (default: variable). BDF: highest order, 1 to 5 (default 5); with "
+        "--order", "K", "Radau: 1, 3, 5, 9 or 13 (default: variable). BDF: maximum order, 1 to 5 (default 5); with "
         "--step the constant order, 1 to 6.", METHOD)] = None,
     method: Annotated[Text, option(
         "--method", "NAME", "Radau, BDF or ImplicitEuler. Default: Radau; BDF for more than 32 degrees of freedom.",
@@ -31,7 +31,7 @@ def simulate(
     max_step: Annotated[Number, option("--max-step", "SECONDS", "Largest variable step.", METHOD)] = None,
     max_steps: scene.MaxSteps = None,
     consistency: Annotated[str, option(
-        "--consistency", "MODE", "every-step: forces right throughout. initial: only the initial velocities are "
+        "--consistency", "MODE", "every-step: accurate forces throughout. initial: only the initial velocities are "
         "changed (needs --step). exact: plain BDF, whose first forces are wrong.", METHOD)] = "every-step",
     out: Annotated[Text, option("--out", "FILE.npz", "Save the run.", RESULTS)] = None,
     save_every: Annotated[Number, option(
@@ -46,10 +46,10 @@ def simulate(
         "--csv", "FILE.csv", "Write positions, velocities, accelerations and multipliers, by name, with units.",
         RESULTS)] = None,
     csv_forces: Annotated[Texts, option(
-        "--csv-force", "NAME", "Further columns of --csv: the force of this loop, joint or force of the scene (in "
+        "--csv-force", "NAME", "Additional columns of --csv: the force of this loop, joint or force of the scene (in "
         "quotes), in world axes; may be repeated.", RESULTS)] = None,
     every: Annotated[Number, option(
-        "--every", "SECONDS", "Rows of --csv at even times, as accurate as the run. Default: every step.",
+        "--every", "SECONDS", "Rows of --csv at equally spaced times, as accurate as the run. Default: every step.",
         RESULTS)] = None,
     as_json: Annotated[bool, option("--json", None, "Print one JSON object instead.", RESULTS)] = False,
 ) -> int:  # fmt: skip

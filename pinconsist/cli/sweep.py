@@ -34,7 +34,7 @@ def sweep(
         "until. VALUES are FROM:TO:STEP, a list 1,2,5, "
         "normal:MEAN:DEVIATION or uniform:LOW:HIGH. If repeated, all combinations are simulated.", CASES)] = None,
     of: Annotated[Texts, option(
-        "--of", "QUANTITY", f"A further column, in quotes: {QUANTITY}. At the end of the run by default. May be "
+        "--of", "QUANTITY", f"An additional column, in quotes: {QUANTITY}. At the end of the run by default. May be "
         "repeated.", CASES)] = None,
     count: Annotated[Count, option("--count", "N", "Number of samples of normal: or uniform: values.", CASES)] = None,
     seed: Annotated[Count, option("--seed", "N", "Seed of the samples. Default: 0.", CASES)] = None,

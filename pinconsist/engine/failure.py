@@ -35,11 +35,12 @@ def failure_report(stepper, failure: str) -> str:
     if condition < NEARLY_DEPENDENT:
         hints.append(
             f"the constraints are nearly dependent there ({rows}; smallest singular value {condition:.1e} of the "
-            "largest): a singular position, where the motion branches, or the end of the range of a drive. Whether a "
-            f"run gets through a singular position depends on where its steps fall: try another {_other(method)}"
+            "largest): a singular configuration, where the motion branches, or the end of the range of a drive. "
+            "Whether a run passes through a singular configuration depends on where its steps fall: try another "
+            + _other(method)
         )
     if "not finite" in failure:
-        hints.append("a force or a user's function returned NaN or infinity")
+        hints.append("a force or a user-defined function returned NaN or infinity")
     names = jumping(stepper)
     if names or failure == FAILURES["chatters"]:
         hints.append(
@@ -51,10 +52,10 @@ def failure_report(stepper, failure: str) -> str:
         smaller = "a smaller step" if method.step is not None else "looser tolerances, or max_step"
         hints.append(f"the largest velocity there is {speed:.3g}; try {smaller}, and look at the motion just before")
         if abs(stepper.t) > LATE:
-            hints.append("numbers as large as this time are too far apart for such steps: start the run near t = 0")
+            hints.append("times this large are rounded too coarsely for such steps: start the run near t = 0")
         elif system.moving and method.name == "Radau":
             hints.append(
-                "if the acceleration of a drive jumps there, give its rate and acceleration as well, or use BDF"
+                "if the acceleration of a drive jumps there, pass its rate and acceleration as well, or use BDF"
             )
     return f"{where}. " + "; ".join(hints)
 

@@ -28,8 +28,8 @@ class HessenbergProblem(Index3System):
         ``R(t, p) -> (nc,)``.
     R_p, R_t : callable, optional
         ``R_p(t, p) -> (nc, np)``, ``R_t(t, p) -> (nc,)``. Without them, fourth-order central differences, accurate to
-        about 1e-12 of the problem's scale; the multipliers inherit this error. ``R_p`` without ``R_t`` means R_t by
-        differences too: give ``R_t`` for a constraint that moves.
+        about 1e-12 of the problem's scale; the multipliers inherit this error. ``R_p`` without ``R_t`` means that R_t
+        is approximated by finite differences: pass ``R_t`` for a constraint that depends on time.
     U_p, U_v : callable, optional
         ``(np, np)`` and ``(np, nv)``; forward differences if missing (they only affect Newton's convergence).
 

@@ -22,7 +22,7 @@ class NotFiniteError(PinconsistError):
 
 
 def singular_message(t) -> str:
-    """The message about a singular position."""
+    """The message about a singular configuration."""
     return f"the equations of motion are singular at t = {t:.6g} ([[M, -G], [W, 0]])"
 
 
@@ -52,7 +52,7 @@ class Index1:
         if not finite:
             raise NotFiniteError(
                 f"the equations of motion are not finite at t = {t:.6g}{culprits(self.system, t, p, v)}: a force or a "
-                "user's function returns NaN or infinity"
+                "user-defined function returns NaN or infinity"
             )
         return a, lam
 

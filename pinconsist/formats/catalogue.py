@@ -220,7 +220,7 @@ def _n_four_bar(n):
 
 FAMILIES = {  # name → description, smallest n, function of n that returns links and joints, and the loop file
     "chain": (f"chain of n rods of 1 m, n ≥ 2, pinned at both ends, {SPAN:g} n m apart", 2, _chain),
-    "n_four_bar": ("n four-bars side by side, n ≥ 1, that pass through singular positions", 1, _n_four_bar),
+    "n_four_bar": ("n four-bars side by side, n ≥ 1, that pass through singular configurations", 1, _n_four_bar),
 }
 
 

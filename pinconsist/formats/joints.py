@@ -1,4 +1,4 @@
-"""Settings of the tree in a loop file, for what the robot's own file cannot express.
+"""Settings of the tree in a loop file that the robot file cannot express.
 
 ::
 
@@ -8,7 +8,7 @@
     gravity: [0, 0, -1.62]
     joint_order: [hip, motor]
 
-``armature``, ``damping`` and ``friction`` replace the values of the robot's file: one number for each velocity of the
+``armature``, ``damping`` and ``friction`` replace the values of the robot file: one number for each velocity of the
 joint, or one for all of them. ``joint_order`` is the order of the joints in q and v. ``type``, or ``joint_type`` in a
 robot.yaml, replaces a joint by::
 

@@ -39,15 +39,15 @@ _MUST_VANISH = ("offset", "velocity", "acceleration")  # desired values of a con
 def load(
     source, *, loops=None, closure=None, free_flyer=False, package_dirs=(), ignore=(), precision=0.0, args=None
 ) -> Mechanism:
-    """A mechanism from the name of a built-in model, a file, a folder or a Pinocchio object.
+    """Load a mechanism from the name of a built-in model, a file, a folder or a Pinocchio object.
 
     Parameters
     ----------
     source : str, path-like, pin.Model or RobotWrapper
         A name of :func:`models`, with a number for ``<n>``; or a file: URDF, SDF (``.sdf``, ``.world``), MJCF
         (``.xml``), xacro, USD, Webots (``.wbt``, ``.proto``), Choreonoid (``.body``), OpenHRP (``.wrl``); or a folder
-        that holds one ``.urdf``; or a model in memory; or a robot of the pip package example-robot-data: ``"cassie"``,
-        ``"cassie_v2"``, ``"cassie_reduced"``, ``"cassie_simple"``, ``"cassie_wo_gearbox_spring"``.
+        that contains one ``.urdf``; or a model in memory; or a robot of the pip package example-robot-data:
+        ``"cassie"``, ``"cassie_v2"``, ``"cassie_reduced"``, ``"cassie_simple"``, ``"cassie_wo_gearbox_spring"``.
     loops : path-like or sequence, optional
         The loop file. Default: ``<stem>.yaml`` or ``.yml`` beside the URDF, else ``robot.yaml`` or ``.yml`` there, else
         ``loop_closures.yaml`` or ``robot_data.yaml`` there or in the folder above ``urdf/``, else
@@ -65,22 +65,22 @@ def load(
     package_dirs : sequence of path-like
         Folders in which files that a scene names are searched for (meshes, includes), before its own folder.
     ignore : sequence of str
-        Elements of a file that act in another program and are not supported here, by tag or name:
+        Elements of a file that have an effect in another program and are not supported here, by tag or name:
         ``"drake:ball_constraint"``, ``"gazebo/joint"``, ``"flexcomp"``. The file is loaded without them instead of
-        being refused.
+        being rejected.
     args : mapping, optional
         Arguments of a xacro file: name → value.
     precision : float
-        Error of the numbers of the source, m and rad: 1e-6 for a file that was written with six digits. Loops that
-        lock or contradict each other because of smaller errors are made to agree, see :meth:`Mechanism.corrected`.
-        Default: the numbers are not changed.
+        Precision of the numbers in the source, m and rad: 1e-6 for a file written with six digits. Loops that lock or
+        contradict each other because of smaller errors are made consistent, see :meth:`Mechanism.corrected`. Default:
+        the numbers are not changed.
 
     Returns
     -------
     Mechanism
-        Its ``continuous`` joints are plain revolute joints, one angle that counts its turns. What the file has that
-        has no effect here (contacts, limits, plugins, unknown elements) is counted in ``ignored``, and logged in one
-        line; what would make it another machine is refused.
+        Its ``continuous`` joints are plain revolute joints, with one angle that counts full turns. Elements of the file
+        without effect here (contacts, limits, plugins, unknown elements) are counted in ``ignored``, and reported in
+        one line; unsupported elements that would change the mechanism raise an error.
 
     Raises
     ------

@@ -135,7 +135,7 @@ def warn_of_other_files(path: Path) -> None:
         if not key or others:
             continue
         advice = f'if it belongs to the robot, pass it as loops="{file}"'
-        warn(f"{path}: {file.name} beside it describes loops and is not read; {advice}")
+        warn(f"{path}: {file.name} next to it describes loops and is not read; {advice}")
 
 
 def _describes_loops(file: Path) -> str:

@@ -304,8 +304,8 @@ def refuse(found: Iterable[tuple[str, Element]], root: Element, content, advice:
     for tag, element in found:
         name = element.get("name", "")
         raise FormatError(
-            f"the extension <{tag}> is not supported, and without it this would be another machine: it closes a loop "
-            f"or joins bodies; {advice}. "
+            f"the extension <{tag}> is not supported, and without it the mechanism would be different: it closes a "
+            f"loop or joins bodies; {advice}. "
             f"ignore=[{tag!r}] loads the file without it",
             element=f"line {_line(content, root, element)}, {tag}{f' {name!r}' if name else ''}",
         )

@@ -22,7 +22,7 @@ A force has ``kind`` and the fields of its record in :mod:`pinconsist.mechanism.
       - {kind: servo, joint: crank, target: {start: 0.1, speed: 2.0}, stiffness: 100.0, damping: 5.0}
       - {kind: wrench, frame: tip, force: [0, 0, -10], axes: world}
 
-What touches has ``kind`` and the fields of its record in :mod:`pinconsist.mechanism.contacts`::
+A contact has ``kind`` and the fields of its record in :mod:`pinconsist.mechanism.contacts`::
 
     contacts:
       - {kind: stop, joint: boom, upper: 0.9, restitution: 0.2}

@@ -389,7 +389,7 @@ class _Stage:
             if kind not in _TYPES:
                 if kind.endswith("Joint") and kind != "PhysxPhysicsJointInstancer" and path not in self._ignore:
                     raise FormatError(
-                        f"a joint of type {kind} is not supported, and without it this would be another machine. "
+                        f"a joint of type {kind} is not supported, and without it the mechanism would be different. "
                         f"ignore=[{path!r}] loads the scene without it", element=path
                     )  # fmt: skip
                 continue

@@ -349,7 +349,7 @@ class _World:
             return
         proto = "" if node.type in _KNOWN else f", and its PROTO is a program, or not beside the world. {CONVERT}"
         raise FormatError(
-            f"the node {node.type} is not supported, and without it this may be another machine{proto}. "
+            f"the node {node.type} is not supported, and without it the mechanism may be different{proto}. "
             f"ignore=[{node.type!r}] loads the world without it", element=node.word("name") or node.type
         )  # fmt: skip
 

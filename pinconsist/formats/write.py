@@ -49,23 +49,24 @@ _JOINTS = {  # Pinocchio's name → (type in URDF, axis or None if the joint has
 def write(mechanism: Mechanism, path) -> Path:
     """Write a mechanism as a file: URDF, SDF, MJCF or USD.
 
-    A URDF has a loop file that belongs to it, ``<stem>.urdf`` and ``<stem>.yaml``. Both are written completely or not
-    at all, and replace existing files. Before, they are read back and compared: the tree in the order of its joints,
-    inertias, joint types, damping, friction and rotor inertia (armature), limits of hinges and sliders, gravity, loops,
-    couplings and drives, forces, guess, motorised joints, duration, and the shapes of URDF scenes. Mesh files are not
-    copied: files elsewhere are found by ``load(..., package_dirs=...)``. Frames keep their names and placements; a
-    frame is added to joints without one, and a link to those without a body frame.
+    A URDF is written with its loop file, ``<stem>.urdf`` and ``<stem>.yaml``. Both are written atomically and replace
+    existing files. Before that, they are read back and compared: the tree in the order of its joints, inertias, joint
+    types, damping, friction and rotor inertia (armature), limits of hinges and sliders, gravity, loops, couplings and
+    drives, forces, guess, motorised joints, duration, and the shapes of URDF scenes. Mesh files are not copied: files
+    in other folders are found by ``load(..., package_dirs=...)``. Frames keep their names and placements; a frame is
+    added to joints without one, and a link to those without a body frame.
 
-    The other kinds of files say less: what they cannot say is refused by name before anything is written. They are read
-    back, too, and the accelerations of both mechanisms must agree. In SDF the joints stand at zero where the loops are
-    closed, see ``write_sdf``. MJCF holds loops by springs in MuJoCo (``write_mjcf``), and is rigid here. Shapes and
-    contacts are written to URDF only, these into the loop file.
+    The other formats can represent less: items that they cannot represent raise an error that names them before
+    anything is written. They are also read back, and the accelerations of both mechanisms must agree. In SDF, joint
+    positions are zero where the loops are closed, see ``write_sdf``. In MuJoCo, loops of an MJCF file are soft
+    constraints (``write_mjcf``); here they are rigid. Shapes and contacts are written with URDF only, contacts in its
+    loop file.
 
     Parameters
     ----------
     mechanism : Mechanism
     path : path-like
-        The file; its ending selects the kind: ``.urdf``, which is added if there is none, ``.sdf``, ``.xml`` or
+        The file; its extension selects the format: ``.urdf``, which is added if there is none, ``.sdf``, ``.xml`` or
         ``.mjcf``, ``.usda`` or ``.usd`` (both as text). The stem becomes the name.
 
     Returns
@@ -76,8 +77,8 @@ def write(mechanism: Mechanism, path) -> Path:
     Raises
     ------
     InputError
-        Items that a file cannot represent, by name: user-defined functions, joints of a kind that neither file can
-        describe; or a folder that does not exist.
+        Items that the format cannot represent, by name: user-defined functions, unsupported joint types; or a folder
+        that does not exist.
     MissingExtraError
         usd-core or MuJoCo are not installed.
     """

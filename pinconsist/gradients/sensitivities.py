@@ -1,4 +1,5 @@
-"""Derivatives of a run: of all its rows by a few parameters, forwards, or of one number by many, backwards."""
+"""Derivatives of a run: of all rows with respect to a few parameters (forward), or of one number with respect to
+many."""
 
 import weakref
 from collections.abc import Callable, Sequence
@@ -39,7 +40,8 @@ class Sensitivities:
     event_times : list of ndarray, shape (m, P)
         Derivatives of ``solution.t_events``.
     work : dict
-        Cost: number of ``steps`` that were followed, and of ``evaluations`` of the equations in addition to the run's.
+        Cost: number of ``steps`` differentiated, and of ``evaluations`` of the equations in addition to those of the
+        run.
     """
 
     solution: Solution
@@ -95,7 +97,7 @@ class Sensitivities:
         function : callable or str
             ``function(mech, t, q, v, lam)``, a number or an array; `mech` is the mechanism with the parameters' values.
             Or a quantity by its name, as for :meth:`Solution.evaluate`: ``"peak reaction boom_pin"``. An extremum is
-            followed in time; between two equal ones it has no derivative, and that of one of them is returned.
+        followed in time; if two are equal, the derivative does not exist, and that of one of them is returned.
 
         Returns
         -------
@@ -106,8 +108,8 @@ class Sensitivities:
         Raises
         ------
         InputError
-            A name that means nothing; a quantity whose time, or that of an event which it includes, is that of an event
-            that changes the state or ends the run; copied or unpickled sensitivities.
+            An unknown name; a quantity whose time, or that of an event which it includes, is that of an event that
+            changes the state or ends the run; copied or unpickled sensitivities.
         """
         followed = self._followed()
         if isinstance(function, str | Quantity):
@@ -145,17 +147,16 @@ def sensitivities(
 ) -> Sensitivities:  # fmt: skip
     """Simulate a mechanism, and differentiate motion, multipliers and event times with respect to parameters.
 
-    The derivatives are propagated along the accepted steps of Radau IIA by the method's own formulas, through changes
-    of step and order, of constraint rows, events and drives. They are
-    derivatives of the solution, not differences of runs, which are spoiled by adaptive steps: their relative error is
-    about 10 to 30 times that of the state.
+    The derivatives are propagated along the accepted steps of Radau IIA by the formulas of the method, across changes
+    of step size, order and constraint rows, events and drives. They are derivatives of the solution, not finite
+    differences of runs, which adaptive steps spoil: their relative error is about 10 to 30 times that of the state.
 
     Parameters
     ----------
     build : callable or Mechanism
         A mechanism whose parameters are named by `theta`; or ``build(theta) -> Mechanism`` with arbitrary parameters of
         bodies, joints, loops, forces, drives, gravity. It must return the same joints and loops for all values. If it
-        returns the same object for other values, only the start depends on the parameter, which costs less.
+        returns the same object for other values, only the initial state depends on the parameter, which costs less.
     theta : array, shape (P,), or sequence of str
         Values of the parameters; or names of parameters of a mechanism: see :mod:`pinconsist.mechanism.parameters`, and
         ``JOINT`` and ``JOINT_speed`` for the initial position and velocity of a joint of one degree of freedom.
@@ -181,8 +182,8 @@ def sensitivities(
     ------
     InputError
         As :func:`simulate`; parameters that change the number of joints or rows, or open redundant loops, or on which
-        the equations do not depend smoothly; an event function that touches zero without crossing it; a sampled law
-        whose derivatives are not known; a parameter that moves a time at which forces jump.
+        the equations do not depend smoothly; an event function that grazes zero, with zero slope; a sampled law whose
+        derivatives are not known; a parameter that moves a time at which forces jump.
     PinconsistError
         The run failed at its start.
     """

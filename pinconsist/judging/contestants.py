@@ -113,7 +113,7 @@ class MuJoCo:
             import mujoco
         except ImportError:
             raise MissingExtraError(
-                "MuJoCo is judged where it is installed: pip install 'pinconsist[mujoco]'"
+                "MuJoCo is not installed; install it with: pip install 'pinconsist[mujoco]'"
             ) from None
         self._mujoco, self.task = mujoco, task
         self.scene = scene_of(task.mechanism, task.tilted)

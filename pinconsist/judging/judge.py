@@ -1,4 +1,4 @@
-"""`referee`: the same motion by several simulators, against a reference that two methods certify."""
+"""`referee`: the same motion in several simulators, against a reference certified by two methods."""
 
 from __future__ import annotations
 
@@ -39,22 +39,22 @@ class Judged:
     Attributes
     ----------
     tool, setting : str
-        The simulator, and what it was set to.
+        The simulator and its settings.
     paste : str
-        The setting as text for the files or programs of its users.
+        The setting as text to paste into a file or program.
     step : float or None
         Its time step, s.
     time : float
-        Processor time of its steps per second of motion, without that of forces and commands that it does not have
-        itself, if none are; s/s.
+        CPU time of its steps per second of motion, s/s; including forces and commands that are evaluated outside the
+        simulator, if there are any.
     joints_turn, joints_slide : float
-        Largest error of a joint, rad, and m. ``joint`` is the name of the one that is farthest off.
+        Largest error of a joint, rad, and m. ``joint`` is the name of the joint with the largest error.
     energy : float
         Largest error of the energy, relative to the change of the kinetic energy.
     force : float
-        Root mean square error of the forces of all loops after the first step, relative to that of the forces. It has
-        two parts, which add as vectors: ``force_here``, of the simulator's forces against the true ones at its own
-        states, and ``force_drift``, of these against those of the true motion, as its states are others.
+        Root mean square error of the forces of all loops after the first step, relative to the root mean square of the
+        forces. It has two parts, which add as vectors: ``force_here``, of the simulator's forces relative to the exact
+        ones at its own states, and ``force_drift``, of these relative to those of the reference motion.
     force_peak : float
         Error of the largest force of a loop, relative.
     gap, tilt : float
@@ -87,7 +87,7 @@ class Judged:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Judgement:
-    """What :func:`referee` found. ``print(judgement)`` shows it as a table.
+    """The result of :func:`referee`. ``print(judgement)`` shows it as a table.
 
     Attributes
     ----------
@@ -96,22 +96,22 @@ class Judgement:
     t : ndarray, shape (n,)
         The times at which errors are measured, s.
     reference : Solution
-        The true motion at these times.
+        The reference motion at these times.
     agreement : (float, float)
-        By how much Radau IIA, at rtol 1e-10, and BDF, at 3e-10, differ: in joints, rad or m, and in forces, relative.
+        Difference between Radau IIA, at rtol 1e-10, and BDF, at 3e-10: in joints, rad or m, and in forces, relative.
         NaN if BDF failed.
     rows : tuple of Judged
         All runs, in the order of the simulators and from coarse to fine.
     cheapest : dict[str, Judged or None]
-        Of each simulator, the run of least time whose force error is at most `below`; None if none is.
+        For each simulator, the fastest run whose force error is at most `below`; None if there is none.
     not_judged : dict[str, str]
         Simulators that could not be judged, and why.
     left_out : tuple of str
         Loops whose forces are not determined by the equations of motion.
     below : float
-        The force error that was asked for, relative.
+        The requested relative force error.
     notes : tuple of str
-        What was derived, assumed or left out of a log.
+        Quantities of a log that were derived, assumed or left out.
     """
 
     mechanism: Mechanism
@@ -137,7 +137,7 @@ class Judgement:
         return [row for row in self.rows if row.tool == tool]
 
     def to_csv(self, file) -> Path:
-        """The path of a CSV `file` with all runs, written whole or not at all. Raises OSError if that fails."""
+        """Write all runs to a CSV `file`, atomically, and return its path. Raises OSError if that fails."""
         from .report import csv_of
 
         with written_whole(file) as stream:
@@ -145,10 +145,10 @@ class Judgement:
         return Path(file)
 
     def to_html(self, file, *, run: Judged | None = None, speed: float = 1.0) -> Path:
-        """The path of a page, `file`, that plays the true motion and that of another run over each other.
+        """Write a page to `file` that overlays the reference motion and that of another run, and return its path.
 
-        `run` is one of ``rows``; by default the first one of a simulator other than this package that moved. `speed` is
-        as in :func:`export_html`. Raises InputError if there is no other run, OSError if writing fails.
+        `run` is one of ``rows``; by default the first one of another simulator that moved. `speed` is as in
+        :func:`export_html`. Raises InputError if there is no other run, OSError if writing fails.
         """
         from .report import write_page_of
 
@@ -159,12 +159,12 @@ def referee(
     mech, t_span=None, q0=None, v0=None, *, forces=(), control=None, motion=None, log=None,
     mjcf=None, tools: Sequence[str] | None = None, below: float = BELOW, budget: float = BUDGET,
 ) -> Judgement:  # fmt: skip
-    """How wrong the motion and the loop forces of robotics simulators are, for one motion of one mechanism.
+    """Measure the errors of robotics simulators in the motion and the loop forces, for one motion of one mechanism.
 
-    The same bodies, loops and forces run in MuJoCo (``pip install 'pinconsist[mujoco]'``), from its defaults to as
-    stiff as its loops go; in Pinocchio's ``constraintDynamics`` with Baumgarte's correction; and in this package. Each
-    run is compared with a reference by Radau IIA at rtol 1e-10, with which BDF must agree. Contacts and limits of
-    joints are left out in all of them.
+    The same bodies, loops and forces are simulated in MuJoCo (``pip install 'pinconsist[mujoco]'``), from its defaults
+    to its stiffest loops; in Pinocchio's ``constraintDynamics`` with Baumgarte stabilisation; and in this package. Each
+    run is compared with a reference by Radau IIA at rtol 1e-10, with which BDF must agree. Contacts and joint limits
+    are inactive in all runs.
 
     Parameters
     ----------
@@ -174,23 +174,24 @@ def referee(
     q0, v0 : mapping or array, optional
         As in :func:`simulate`.
     forces, control
-        As in :func:`simulate`. What a simulator has no element for is evaluated here before each of its steps and held.
+        As in :func:`simulate`. Forces without an element in a simulator are evaluated here before each of its steps and
+        held.
     motion : mapping, optional
         Joint → a function of time, such as a :class:`Motion`, or a table (times, values), which the joint is to follow:
-        by the torques that the true dynamics needs for it, and a PD law of 10 Hz. All simulators get the same law. The
-        joints of drives follow their curves in the same way, as no simulator here moves a joint exactly.
+        by the torques of the exact dynamics, and a PD law of 10 Hz. All simulators use the same law. The joints of
+        drives follow their curves in the same way, because no other simulator here moves a joint exactly.
     log : path, optional
-        A CSV file with the motion of another simulator, or of a robot, which is judged: see
-        :mod:`pinconsist.judging.log`. The true motion starts from its first row, under its commands and torques, at its
-        times. `t_span`, `q0`, `v0` and `motion` are not used with it.
+        A CSV file with the motion of another simulator, or of a robot, to be judged: see :mod:`pinconsist.judging.log`.
+        The reference motion starts from its first row, with its commands and torques, at its times. `t_span`, `q0`,
+        `v0` and `motion` are not used with it.
     mjcf : path, optional
-        The MJCF file of the mechanism: MuJoCo is judged with the settings of its solver as well.
+        The MJCF file of the mechanism: MuJoCo is then also judged with the solver settings of this file.
     tools : sequence of {"mujoco", "pinocchio", "pinconsist"}, optional
         The simulators. Default: all that are installed; none with a log.
     below : float
-        The relative force error for which the cheapest setting is sought.
+        The relative force error for which the cheapest setting is searched for.
     budget : float
-        Processor time that one run may take, s; finer settings are left out.
+        CPU time allowed for one run, s; finer settings are left out.
 
     Returns
     -------
@@ -199,7 +200,7 @@ def referee(
     Raises
     ------
     InputError
-        Arguments that cannot be used; a motion on which no two methods agree.
+        Invalid arguments; a motion on which no two methods agree.
     MissingExtraError
         A simulator in `tools` is not installed.
     """

@@ -2,7 +2,7 @@
 
 Columns may be in any order, each with a unit: ``t [s]``, ``q.crank [deg]``, ``v.crank [rad/s]``, ``command.knee``,
 ``torque.crank [N·m]``, ``force.pin.x [N]``. These are the headings of :meth:`Solution.to_csv`. Positions may also be
-named by the joint alone. Of joints that are not in the file, the loops determine the positions.
+named by the joint alone. The positions of joints that are not in the file are determined by the loops.
 """
 
 from __future__ import annotations

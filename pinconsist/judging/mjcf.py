@@ -273,7 +273,7 @@ class _Writer:
             one, two = (self._sum(loop, k) for k in (0, 1))
             self.equalities.append(f'<tendon name={name} tendon1={one} tendon2={two} polycoef="{law}"/>')
         elif not isinstance(loop, Loop):
-            raise NotTranslatedError(f"constraint {loop.name!r} is a user's function")
+            raise NotTranslatedError(f"constraint {loop.name!r} is a user-defined function")
         else:
             self._anchored(loop, name)
 

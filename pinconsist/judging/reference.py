@@ -69,12 +69,12 @@ def reference_of(mechanism, times, q0, v0) -> Reference:
         return Reference(true, loads, (np.nan, np.nan), reason, span[1])
     other = other.at(times)
     theirs = loop_forces(other.system, other.t, other.q, other.v, other.lam)
-    sizes = np.maximum(np.linalg.norm(loads, axis=1), rms(loads) or 1.0)  # near singular positions they are large
+    sizes = np.maximum(np.linalg.norm(loads, axis=1), rms(loads) or 1.0)  # near singular configurations they are large
     apart = np.linalg.norm(theirs - loads, axis=1) / sizes
     kept = len(times) if (apart <= AGREED).all() else int(np.argmax(apart > AGREED))
     if kept < FEWEST:
         raise InputError(
-            f"{mechanism.name}: two methods at tight tolerances part after {times[max(kept - 1, 0)]:g} s already, so "
+            f"{mechanism.name}: two methods at tight tolerances diverge after {times[max(kept - 1, 0)]:g} s, so "
             "that no motion can be called true: choose another start, a shorter time or add damping"
         )
     if kept < len(times):

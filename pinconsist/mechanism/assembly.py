@@ -87,7 +87,7 @@ def assemble(mechanism, q0=None, v0=None, *, fixed=None, t: float = 0.0, toleran
         allow it, else a warning reports the new ones), or a configuration (nq,), all of which may change. If
         ``mechanism.guess`` is closed, the named joints are moved from there in small steps with the loops closed, which
         keeps the assembly mode. If that path is blocked, the loops are closed from the guess, in whichever mode is
-        near.
+        close.
     v0 : mapping or array, optional
         Velocity: joint name → value (these joints keep it, the others follow), or an array (nv,) that is projected
         in the mass metric. Default rest.
@@ -96,8 +96,8 @@ def assemble(mechanism, q0=None, v0=None, *, fixed=None, t: float = 0.0, toleran
     t : float
         Time at which drives are evaluated, s.
     tolerance : float
-        Largest |Φ| of a closed loop, m and rad. Loops are closed to rounding if possible; a gap above 1e-10 is warned
-        about.
+        Largest |Φ| of a closed loop, m and rad. Loops are closed to rounding if possible; a gap above 1e-10 causes a
+        warning.
 
     Returns
     -------
@@ -287,7 +287,7 @@ def velocity_on_constraints(solver: LoopSolver, q, v=None, kept=None, before=Non
     if miss.max(initial=0.0) > 1e-8 * (1.0 + np.abs(target).max(initial=0.0)):
         names, advice = ", ".join(v) if isinstance(v, Mapping) else "", "name fewer joints"
         if len(s := np.linalg.svd(J, compute_uv=False)) and s[-1] < NEARLY_SINGULAR * s[0]:
-            advice = "loop rows are nearly dependent here, close to a singular position; start a little away from it"
+            advice = "loop rows are nearly dependent here, near a singular configuration; start a little away from it"
         rows = solver.loop_rows.closures if isinstance(v, Mapping) else ()
         if len(J) == mechanism.nv:
             advice = "loops and drives determine all velocities; leave them out"

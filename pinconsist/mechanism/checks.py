@@ -272,9 +272,8 @@ def require_no_contacts(mechanism, caller: str, why: str = "") -> None:
     """Raise InputError for a mechanism with contacts, where these would be left out without a word."""
     if names := [each.name for each in mechanism.contacts]:
         raise InputError(
-            f"{mechanism.name}: {caller} has no contacts{why}, and this mechanism has {', '.join(names[:4])}"
-            f"{', …' * (len(names) > 4)}; mech.with_contacts() is the mechanism without them, in which what stays in "
-            "contact may be held by a loop"
+            f"{mechanism.name}: {caller} does not support contacts{why}, and this mechanism has {', '.join(names[:4])}"
+            f"{', …' * (len(names) > 4)}; mech.with_contacts() removes them; replace lasting contacts by loops"
         )
 
 

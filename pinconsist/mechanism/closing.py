@@ -130,7 +130,7 @@ class LoopSolver:
         """Move the joints that are not free to their values in `goal`, in small steps from a closed configuration.
 
         The loops are closed at each step by Newton's method, so that the assembly mode stays the same. Returns None if
-        the path is blocked: at the end of the workspace, at a singular position, or because the loops do not allow
+        the path is blocked: at the end of the workspace, at a singular configuration, or because the loops do not allow
         these joints to move that way together.
         """
         way = np.where(free, 0.0, difference(self.model, q, goal))

@@ -1,4 +1,4 @@
-"""What touches: stops of joints, ropes, struts, points on planes, friction that sticks.
+"""Contacts: stops of joints, ropes, struts, points on planes, stiction.
 
 Each record has one or two *elements*. An element has a gap g ≥ 0 with a force that may only push, or tangential rows
 with a force that friction limits, or both:
@@ -12,7 +12,7 @@ record                          gap                                   force
 :class:`DryFriction`            none                                  \\|λ\\| ≤ limit, N·m or N
 ==============================  ====================================  =============================================
 
-A run is divided into modes, in each of which every element is open, or closed, or sticks or slides, see
+A run is divided into modes, in each of which every element is open, closed, sticking or sliding, see
 ``pinconsist.run.modes``. In a mode the rows of closed and sticking elements are ordinary constraints.
 """
 
@@ -71,15 +71,15 @@ def _named(own, by_default: str, who: str) -> str:
 
 @dataclass(frozen=True)
 class Stop(ContactRecord):
-    """The stops of a joint, which it reaches, rests on and leaves.
+    """The stops of a joint, which it can hit, rest on and leave.
 
     Parameters
     ----------
     joint : str
         A joint of one degree of freedom.
     lower, upper : float, optional
-        Positions of the stops, rad or m. Default: the limits of the joint in its file; if one is given, the other is
-        none. A joint that turns without bounds needs both, between -π and π.
+        Positions of the stops, rad or m. Default: the limits of the joint in its file; if only one is given, there is
+        no other. An unbounded revolute joint needs both, between -π and π.
     restitution : float
         Speed after an impact relative to that before, from 0 to 1.
     name : str
@@ -118,11 +118,9 @@ class Stop(ContactRecord):
         if lower is None and upper is None:
             lower, upper = limits_of(model, self.joint)
             if lower is None and upper is None:
-                raise InputError(f"{who}: joint {self.joint!r} has no limits in its file; give lower= or upper=")
+                raise InputError(f"{who}: joint {self.joint!r} has no limits in its file; pass lower= or upper=")
         if joint.period and (lower is None or upper is None or not (-pi < lower and upper < pi)):
-            raise InputError(
-                f"{who}: joint {self.joint!r} turns without bounds: give it both stops, between -pi and pi"
-            )
+            raise InputError(f"{who}: joint {self.joint!r} is unbounded: specify both stops, between -pi and pi")
         sides = {"lower": (1.0, lower), "upper": (-1.0, upper)}
         return [LimitElement(self, side, joint, *of) for side, of in sides.items() if of[1] is not None]
 
@@ -164,7 +162,7 @@ class _Between(ContactRecord):
 
 @dataclass(frozen=True)
 class Rope(_Between):
-    """A rope without mass between two points: their distance is at most its length, and it can only pull.
+    """A massless rope between two points: their distance is at most its length, and it can only pull.
 
     Parameters
     ----------
@@ -188,9 +186,9 @@ class Rope(_Between):
 
 @dataclass(frozen=True)
 class Strut(_Between):
-    """A strut without mass between two points: their distance is at least its length, and it can only push.
+    """A massless strut between two points: their distance is at least its length, and it can only push.
 
-    So do two spheres: ``length`` is then the sum of their radii.
+    It also models contact between two spheres: ``length`` is then the sum of their radii.
 
     Parameters
     ----------
@@ -223,15 +221,15 @@ class Contact(ContactRecord):
     xyz : tuple of 3 float
         The point, or the centre of the sphere, in that frame, m.
     radius : float
-        Of the sphere, m; 0 for a point. Spheres slide without friction.
+        Radius of the sphere, m; 0 for a point. Spheres slide without friction.
     normal : tuple of 3 float
         The normal of the plane, towards the body, of any length, in the axes of `on`.
     offset : float
-        Of the plane along the normal, m.
+        Offset of the plane along the normal, m.
     on : str
         The frame that carries the plane; the world by default.
     friction : float or (float, float)
-        Coulomb's coefficient; or the static and the kinetic one.
+        Coulomb's friction coefficient; or the static and the kinetic one.
     restitution : float
         Speed of the gap after an impact relative to that before, from 0 to 1.
 
@@ -275,14 +273,14 @@ class Contact(ContactRecord):
 
 @dataclass(frozen=True)
 class DryFriction(ContactRecord):
-    """Dry friction of a joint, exact: it sticks where less than the static friction holds it.
+    """Exact dry friction of a joint: it sticks as long as the load is below the static friction.
 
     Parameters
     ----------
     joint : str
         A joint of one degree of freedom.
     friction : float or (float, float)
-        The largest torque or force, N·m or N; or the static one and that while the joint moves.
+        The maximum torque or force, N·m or N; or the static and the kinetic value.
     name : str
         By default that of the joint with ``" friction"``.
 

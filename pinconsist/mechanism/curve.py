@@ -25,7 +25,7 @@ BENDS = {"table": 1, "spline": 3, "step5": 3, "cycloid": 3}
 
 @dataclass(frozen=True)
 class Curve:
-    """A function of time through values at times, constant before and after, with exact derivatives.
+    """A function of time that interpolates values at times, constant before and after, with exact derivatives.
 
     It can be the curve of a :class:`Drive`, the target of a :class:`Servo`, a torque of :class:`JointTorque` or the
     command of an :class:`Actuator`; it can be written to a file and pickled. Steps of a run end at its times.
@@ -33,17 +33,17 @@ class Curve:
     Parameters
     ----------
     times, values : sequence of float
-        At least two times, s, that increase; rad or m (N·m or N for a torque).
+        At least two increasing times, s; values in rad or m (N·m or N for a torque).
     law : {"spline", "step5", "cycloid", "table"}
-        How it goes from one value to the next, with h the difference of the values and s the time between them, from 0
-        to 1. ``spline``: the cubic spline at rest at both ends. ``step5``: h (10 s³ - 15 s⁴ + 6 s⁵), and ``cycloid``: h
-        (s - sin(2π s)/2π), which rest at each value, without acceleration. ``table``: straight lines; its rate jumps,
-        and a drive that follows it acts as an impulse at each time.
+        Interpolation between two values, with h their difference and s the time between them, scaled from 0 to 1.
+        ``spline``: the cubic spline at rest at both ends. ``step5``: h (10 s³ - 15 s⁴ + 6 s⁵), and ``cycloid``: h (s -
+        sin(2π s)/2π), which are at rest at each value, with zero acceleration. ``table``: linear interpolation; its
+        rate jumps, and a drive that follows it exerts an impulse at each time.
 
     Raises
     ------
     InputError
-        Times that do not increase, other numbers of values than of times, numbers that are not finite, unknown laws.
+        Times that do not increase, different numbers of times and values, numbers that are not finite, unknown laws.
     """
 
     times: tuple[float, ...]
@@ -102,7 +102,7 @@ class Curve:
 
     @property
     def break_points(self) -> list[Change]:
-        """Where its derivatives jump: of a spline the acceleration at both ends, of a table the rate."""
+        """Where its derivatives jump: for a spline the acceleration at both ends, for a table the rate."""
         ends = self.times[0], self.times[-1]
         return [Change(t, 2 if self.law == "spline" and t in ends else BENDS[self.law]) for t in self.times]
 

@@ -20,17 +20,17 @@ CHECKED_OVER = (1.0, 1e-2, 1e-4, 1e-6)  # fractions of the steps with which user
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
-    """A user-defined constraint Φ(t, q) = 0, given among the loops of a mechanism.
+    """A user-defined constraint Φ(t, q) = 0, passed with the loops of a mechanism.
 
-    Its multipliers λ are the generalised forces Jᵀλ divided by the rows of J: N·m where Φ is an angle in rad, N where
-    it is a length in m. Scale Φ to one of these: loops count as closed at |Φ| < 1e-10.
+    Its multipliers λ give the generalised forces Jᵀλ; their unit is N·m where Φ is an angle in rad, N where it is a
+    length in m. Scale Φ to one of these: loops count as closed at |Φ| < 1e-10.
 
     Parameters
     ----------
     name : str
     function : callable
-        ``function(t, q) -> array (size,)``, smooth, for every configuration q (nq,) that assembly may try. It is called
-        with read-only arrays.
+        ``function(t, q) -> array (size,)``, smooth, for every configuration q (nq,) that assembly may try; called with
+        read-only arrays.
     size : int
         Number of rows.
     jacobian : callable, optional
@@ -41,17 +41,17 @@ class Constraint:
         ``rate(t, q) -> array (size,)``, ∂Φ/∂t. Default: sixth-order differences over 1 ms, or less if Φ
         is faster, accurate to about 1e-12.
     moving : bool, optional
-        Whether Φ depends on t. If not, its time derivatives are not computed. Default: True, unless `function` is one
-        of Python's that does not read its argument t.
+        Whether Φ depends on t. If not, its time derivatives are not computed. Default: True, unless `function` is a
+        Python function that does not use its argument t.
     rows : sequence of str, optional
         Names of the rows for reports. Default "0", "1", ….
     knots : sequence of float
-        Times, s, at which Φ or one of its first two derivatives by time jumps, as for :class:`Drive`.
+        Times, s, at which Φ or one of its first two time derivatives jumps, as for :class:`Drive`.
     step : float
         Step of the difference quotients, rad or m: about a thousandth of the length over which Φ varies.
     unilateral : bool
-        Whether its rows can only push towards larger Φ, λ ≥ 0, as a cam pushes its follower. They are kept
-        nevertheless; :meth:`Solution.check` names the time from which they pull.
+        Whether its rows can only push towards larger Φ, λ ≥ 0, as a cam pushes its follower. They are enforced as
+        equalities nevertheless; :meth:`Solution.check` names the time from which they pull.
 
     Raises
     ------

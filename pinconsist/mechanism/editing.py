@@ -51,7 +51,7 @@ def reduced(mechanism, q=None):
 def _still_joints(solver, places):
     """The joints that no free motion moves at any of the places, and that have the same value at all of them."""
     share, mechanism = np.zeros(solver.model.nv), solver.mechanism
-    for place in places[1:] or places:  # the first may be a singular position
+    for place in places[1:] or places:  # the first may be a singular configuration
         free = free_motions(solver.rows(place)[1], solver.loop_rows.turns)
         share = np.maximum(share, np.abs(free).max(axis=1, initial=0.0))
         share = np.maximum(share, np.abs(difference(solver.model, places[0], place)))

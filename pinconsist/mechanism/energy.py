@@ -46,8 +46,8 @@ class Energy:
         spring with damper this is the power of the damper, which is negative). For each drive and each constraint that
         depends on time, -λ·Φ_t; for a drive this is motor torque times speed. The sum is d(total)/dt.
     work : dict[str, ndarray]
-        Integral of each power from the first row on: by a cubic spline through the rows or, if they are too few for
-        that, by Gauss's formula at states between them. ``"events"`` is the change of energy in the jumps at events.
+        Integral of each power from the first row on: by a cubic spline through the rows or, if there are too few, by
+        Gauss quadrature at states between them. ``"events"`` is the change of energy in the jumps at events.
     error : ndarray
         ``total`` minus its first value minus all work.
     """
@@ -69,17 +69,17 @@ class Energy:
         """The largest ``error`` relative to the exchanged energy.
 
         The exchanged energy is the sum of the largest kinetic energy, the ranges of potential and elastic energy and
-        the largest work of each force. If hardly anything moves, it is a hundred-thousandth of the stored energies and
-        of the weights' energies: the error then consists of rounding and tolerances only.
+        the largest work of each force. If hardly anything moves, it is a hundred-thousandth of the stored and
+        gravitational energies: the error then consists of rounding and tolerances only.
         """
         return float(np.abs(self.error).max() / self.exchanged)
 
     @property
     def work_error(self) -> float:
-        """How far the work of all forces is uncertain because the rows are few, relative like ``balance_error``.
+        """Uncertainty of the work of all forces due to the small number of rows, relative like ``balance_error``.
 
-        It is the largest change of this work if every second row is left out and, where jumps leave a step alone, if
-        its power is that at one of its ends. With states between the rows, it is the difference of two formulas.
+        It is the largest change of this work if every second row is left out and, where jumps isolate a step, if its
+        power is that at one of its ends. With states between the rows, it is the difference of two formulas.
         """
         if self._by_states is not None:
             return self._by_states / self.exchanged

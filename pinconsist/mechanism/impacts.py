@@ -20,10 +20,10 @@ NO_RESPONSE = 1e-10  # response to an impulse, relative to that of the free bodi
 class Impact:
     """An impact at the stop of a joint, or of a point of a body on a plane; for ``events`` of a run.
 
-    By Newton's law: where the gap closes, its rate u becomes -`restitution` times that before. One impulse Λ acts along
-    the gap, without friction; the impulses of the loops hold these closed: v⁺ = v⁻ + K nᵀΛ with the row n of u = n v
-    and the velocities K nᵀ that follow a unit impulse. Kinetic energy is never gained, and with `restitution` 1 it is
-    conserved. Backwards in time impacts are undone. A contact that lasts is not modelled: where bounces accumulate, the
+    By Newton's law, when the gap closes, its rate u becomes -`restitution` times that before. One impulse Λ acts along
+    the gap, without friction; the impulses of the loops keep these closed: v⁺ = v⁻ + K nᵀΛ with the row n of u = n v
+    and the velocities K nᵀ caused by a unit impulse. Kinetic energy never increases, and with `restitution` 1 it is
+    conserved. Backwards in time, impacts are reversed. Lasting contact is not modelled: where bounces accumulate, the
     run ends with a message.
 
     Parameters
@@ -31,7 +31,7 @@ class Impact:
     joint : str
         A joint of one degree of freedom with stops; or `frame` is given.
     upper, lower : float, optional
-        The positions of the stops, rad or m. One is enough, except for a joint that turns without bounds. Default: the
+        The positions of the stops, rad or m. One is sufficient, except for an unbounded revolute joint. Default: the
         limits of the joint in its file.
     frame : str
         A frame whose origin cannot pass below the plane.
@@ -45,8 +45,8 @@ class Impact:
     Raises
     ------
     InputError
-        Values that cannot be used; when the run starts also unknown joints and frames, other joints, and a start beyond
-        a stop or below a plane.
+        Invalid values; when the run starts also unknown joints and frames, unsuitable joints, and an initial state
+        beyond a stop or below a plane.
 
     References
     ----------
@@ -106,8 +106,7 @@ class Impact:
         lower, upper = self._stops(model, first, turns)
         if turns and not (-pi < lower and upper < pi):
             raise InputError(
-                f"the impact {self.name!r}: joint {self.joint!r} turns without bounds: give it both stops, between -pi "
-                "and pi"
+                f"the impact {self.name!r}: joint {self.joint!r} is unbounded: specify both stops, between -pi and pi"
             )
 
         def position(q):
@@ -131,7 +130,7 @@ class Impact:
         stops = float(model.lowerPositionLimit[first]), float(model.upperPositionLimit[first])
         if turns or not stops[0] < stops[1] or min(map(abs, stops)) >= float_info.max:  # Pinocchio's mark of no limit
             raise InputError(
-                f"the impact {self.name!r}: joint {self.joint!r} has no limits in its file; give upper= or lower="
+                f"the impact {self.name!r}: joint {self.joint!r} has no limits in its file; pass upper= or lower="
             )
         return stops
 

@@ -103,8 +103,8 @@ class Drive:
         A joint of one degree of freedom.
     curve : callable or (times, values)
         ``curve(t)``, rad or m, twice differentiable between its knots; for instance a :class:`Motion`, which can be
-        saved to a file. Of a table, the curve is the cubic spline through its values that is at rest at both ends, and
-        stays there before and after; its derivatives are exact. (Straight lines would need infinite torques. For
+        saved to a file. For a table, the curve is the cubic spline through its values with zero end velocities,
+        constant before and after; its derivatives are exact. (Linear interpolation would require infinite torques. For
         another spline, pass one of SciPy, which has its own knots.)
     rate, acceleration : callable, optional
         Its derivatives. Default: the methods ``rate`` and ``acceleration`` of a curve that has them, as a Motion does;
@@ -112,15 +112,15 @@ class Drive:
         curve's size; the multipliers have the same error. User-defined derivatives are compared with the curve at the
         start of a run.
     knots : sequence of float
-        Times, s, at which the curve's acceleration jumps, if they are known: steps end there, and differences do not
-        reach across them. Otherwise the curve is sampled before a run, see :func:`simulate`.
+        Times, s, at which the curve's acceleration jumps, if known: steps end there, and finite differences do not
+        extend across them. Otherwise the curve is sampled before a run, see :func:`simulate`.
 
     Raises
     ------
     InputError
-        An argument that is not a name or not a function, a table without increasing times; on a model, an unknown joint
-        or one with several degrees of freedom; a rate or an acceleration that contradicts the curve, numbers that are
-        not finite.
+        An argument that is not a name or not a function, a table whose times do not increase; on a model, an unknown
+        joint or one with several degrees of freedom; a rate or an acceleration that contradicts the curve, numbers that
+        are not finite.
     UserFunctionError
         One of the functions raised an exception.
     """
@@ -206,7 +206,7 @@ class Coupling:
     """Couple two joints: q_joint = offset + ratio·q_other + Σ higher[i]·q_other^(i+2); passed with the loops.
 
     Its multiplier is the generalised force on `joint`, N·m (or N for a sliding joint), positive along the joint's
-    velocity; `other` receives -dq_joint/dq_other times it. Each may be several joints, as those of a tendon or of the
+    velocity; `other` receives -dq_joint/dq_other times it. Each may be several joints, like those of a tendon or the
     sun, ring and carrier of a planetary gear: q is then Σ share·q, and each joint receives its share.
 
     Parameters

@@ -1,12 +1,12 @@
 """Loop: the record that closes a loop, and the conventions of all constraint rows.
 
-Conventions (stated here once)
-------------------------------
-A loop joins anchor 1 (on ``frame1``) to anchor 2 (on ``frame2``); either may sit on the ground, whose frame is
-``"universe"``. With ``d`` the position of anchor 2 seen from anchor 1 **in the axes of anchor 1**, ``R`` the
-rotation that takes axes of anchor 2 to axes of anchor 1, ``e`` the loop's ``axis`` at length 1, ``u1`` along the
-product of e with the coordinate axis that is farthest from it, ``u2 = e × u1``, and ``a = R e`` (of a universal,
-``a = R axis2``), the rows are
+Conventions
+-----------
+A loop connects anchor 1 (on ``frame1``) to anchor 2 (on ``frame2``); either may be on the ground, whose frame is
+``"universe"``. With ``d`` the position of anchor 2 relative to anchor 1 **in the axes of anchor 1**, ``R`` the rotation
+that takes axes of anchor 2 to axes of anchor 1, ``e`` the loop's ``axis`` normalised, ``u1`` along the cross product of
+e with the coordinate axis farthest from it, ``u2 = e × u1``, and ``a = R e`` (for a universal, ``a = R axis2``), the
+rows are
 
 ========== ===== ============================================================== ============================
 kind       rows  Φ                                                              λ (equations M v' + nle = τ + Jᵀλ)
@@ -25,9 +25,9 @@ coupling   1     q_joint − offset − ratio·q_other − Σ higher[i]·q_other
 constraint any   the user's Φ(t, q)                                             Jᵀλ: N·m per rad or N per m of Φ
 ========== ===== ============================================================== ============================
 
-all in the axes of anchor 1, acting on body 2 at anchor 2; body 1 receives the opposite, there too. Forces are in N,
-moments in N·m, Φ in m and rad. Every J is the exact derivative of Φ in the tangent space, also while a loop is open.
-An antiparallel axis of body 2 does not close a loop of any kind with an axis: the chord is longest there.
+all in the axes of anchor 1, acting on body 2 at anchor 2; body 1 receives the opposite at the same point. Forces are in
+N, moments in N·m, Φ in m and rad. Every J is the exact derivative of Φ in the tangent space, even while a loop is open.
+An antiparallel axis of body 2 does not close a loop of a kind with an axis: the chord is longest there.
 """
 
 from __future__ import annotations
@@ -78,13 +78,13 @@ class Loop:
     axis2 : tuple of 3 float
         For a universal, the axis of body 2, in the axes of anchor 2; held perpendicular to ``axis``.
     length : float or None
-        Distance L > 0 held by ``kind="distance"``, m.
+        Distance L > 0 maintained by ``kind="distance"``, m.
 
     Raises
     ------
     InputError
         Unknown kind, numbers that are not finite, a wrong number of them, a missing or invalid axis or length, or one
-        that a loop of this kind does not have.
+        that does not apply to this kind.
     """
 
     name: str

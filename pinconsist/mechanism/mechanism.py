@@ -65,7 +65,7 @@ class Mechanism:
     corrected_by : float
         Largest change of lengths and angles by :meth:`corrected`, m or rad; for information.
     ignored : sequence of str
-        What its file has that has no effect here, counted: ``"5 collision shapes"``; for information.
+        Elements of its file without effect, counted: ``"5 collision shapes"``; for information.
 
     Raises
     ------
@@ -127,7 +127,7 @@ class Mechanism:
 
     @property
     def anchored_loops(self) -> tuple[Loop, ...]:
-        """The loops that join two anchors, without drives, couplings and user-defined constraints."""
+        """The loops that connect two anchors, without drives, couplings and user-defined constraints."""
         return tuple(loop for loop in self.loops if isinstance(loop, Loop))
 
     @property
@@ -151,7 +151,7 @@ class Mechanism:
         return places(self.model, self.joint_index(joint))[1]
 
     def joint_index(self, joint: str) -> int:
-        """The index of a `joint` in ``model.joints``, from 1 on: the ground is 0. Its place in v: see :meth:`columns`.
+        """The index of a `joint` in ``model.joints``, from 1 on: the ground is 0. Its position in v: :meth:`columns`.
 
         Raises InputError for an unknown joint; the message lists the joints of the mechanism.
         """
@@ -166,10 +166,10 @@ class Mechanism:
     def configuration(self, values, base=None) -> np.ndarray:
         """A full configuration (nq,), quaternions and (cos, sin) pairs at unit length. The loops are not closed.
 
-        `values` maps joint names to as many numbers as the joint has in q, or fewer: one angle, rad, where it stores
-        (cos, sin); roll, pitch, yaw or a rotation matrix for a ball; x, y, angle for a planar joint; for a free-flyer
-        x, y, z, roll, pitch, yaw, or [x, y, z, R], or a matrix (4, 4), or a pin.SE3. The other joints come from `base`,
-        a configuration (nq,), by default ``pin.neutral``. `values` may also be a configuration (nq,), which is copied.
+        `values` maps joint names to as many numbers as the joint has in q, or fewer: one angle, rad, if it stores (cos,
+        sin); roll, pitch, yaw or a rotation matrix for a ball; x, y, angle for a planar joint; for a free-flyer x, y,
+        z, roll, pitch, yaw, or [x, y, z, R], or a matrix (4, 4), or a pin.SE3. The other joints come from `base`, a
+        configuration (nq,), by default ``pin.neutral``. `values` may also be a configuration (nq,), which is copied.
         Raises InputError for an unknown joint, a wrong size, NaN, a quaternion or pair of length zero.
         """
         start = pin.neutral(self.model) if base is None else finite_array(base, "base")
@@ -197,8 +197,8 @@ class Mechanism:
     def with_loops(self, *loops: Loop | Drive | Coupling | Constraint) -> Mechanism:
         """The same mechanism with these `loops` instead of its own; without arguments, a tree.
 
-        :meth:`add_loops` keeps its own. Raises InputError for unknown frames or joints, duplicate names, and arguments
-        that are not loops.
+        :meth:`add_loops` keeps the existing ones. Raises InputError for unknown frames or joints, duplicate names, and
+        arguments that are not loops.
         """
         return replace(self, loops=loops)
 
@@ -212,8 +212,9 @@ class Mechanism:
     def with_forces(self, *forces) -> Mechanism:
         """The same mechanism with these `forces` instead of its own; without arguments, with those of the model alone.
 
-        Damping and dry friction of the model, and gravity, are not among ``forces`` and stay. :meth:`add_forces` keeps
-        its own. Raises InputError for unknown frames or joints, wrong sizes, and arguments that are not forces.
+        Damping and dry friction of the model, and gravity, are not part of ``forces`` and are kept. :meth:`add_forces`
+        keeps the existing forces. Raises InputError for unknown frames or joints, wrong sizes, and arguments that are
+        not forces.
         """
         return replace(self, forces=forces)
 
@@ -228,8 +229,8 @@ class Mechanism:
         """The same mechanism with these `contacts` instead of its own; without arguments, with none.
 
         Each is a record of :mod:`pinconsist.mechanism.contacts`: :class:`Stop`, :class:`Rope`, :class:`Strut`,
-        :class:`Contact`, :class:`DryFriction`. :meth:`add_contacts` keeps its own. Raises InputError for unknown joints
-        and frames, names that are not unique, and other objects.
+        :class:`Contact`, :class:`DryFriction`. :meth:`add_contacts` keeps the existing ones. Raises InputError for
+        unknown joints and frames, names that are not unique, and other objects.
         """
         return replace(self, contacts=contacts)
 
@@ -246,7 +247,7 @@ class Mechanism:
         return commanded(self, control)
 
     def with_gravity(self, gravity) -> Mechanism:
-        """The same mechanism under another `gravity`, three numbers, m/s², in world axes.
+        """The same mechanism with another `gravity`, three numbers, m/s², in world axes.
 
         Raises InputError for anything but three finite numbers.
         """
@@ -255,7 +256,7 @@ class Mechanism:
         return replace(self, model=model)
 
     def with_armature(self, armature: Mapping[str, float]) -> Mechanism:
-        """The same mechanism with rotor inertia added: `armature` maps joints to kg·m² (or kg), referred to the joint.
+        """The same mechanism with rotor inertia added: `armature` maps joints to kg·m² (or kg), reflected to the joint.
 
         It applies to each velocity of a joint. Raises InputError for unknown joints and negative values.
         """
@@ -278,20 +279,20 @@ class Mechanism:
         with the locked joints at rest.
 
         `joints` are their names, or one name. They are locked at `q`: joint name → value (others from ``guess``), or a
-        configuration (nq,), by default the ``guess``; the rest of it is the new guess. Raises InputError for unknown
-        joints, if all joints would be locked, if a loop would stay open, for a driven joint, and for only one of two
-        coupled joints.
+        configuration (nq,), by default the ``guess``; its remaining entries are the new guess. Raises InputError for
+        unknown joints, if all joints would be locked, if a loop would stay open, for a driven joint, and for only one
+        of two coupled joints.
         """
         return lock(self, joints, q)
 
     def lock_spins(self, q0=None) -> Mechanism:
-        """The same mechanism without the spins of rods about their own axes: faster, and nothing else changes.
+        """The same mechanism without the spins of rods about their own axes: faster, with otherwise the same motion.
 
-        A rod of a loop whose last joint turns it about its own axis is found if this moves no loop: the other end is a
-        point on the axis, or the rod is made of two halves that a loop of the kind ``frame`` joins, which becomes a
-        hinge. The rod must be round, without motors, forces, damping or armature of its own; otherwise its spin has
-        effects, and it stays. Without its inertia about the axis a locked rod moves the others exactly as one that does
-        not spin. The locked joints are logged; without any, the mechanism itself is returned.
+        A rod in a loop whose last joint turns it about its own axis is found if this moves no loop: the other end is a
+        point on the axis, or the rod consists of two halves connected by a loop of kind ``frame``, which becomes a
+        hinge. The rod must be axisymmetric, without motors, forces, damping or armature of its own; otherwise its spin
+        has effects, and it is kept. Without its inertia about the axis, a locked rod moves the other bodies exactly as
+        one that does not spin. The locked joints are logged; if there are none, the mechanism itself is returned.
 
         `q0` is the configuration from which assembly starts, as for :func:`~pinconsist.assemble`; the new guess is the
         assembled one. Raises AssemblyError if the loops do not close.
@@ -301,12 +302,12 @@ class Mechanism:
     def reduced(self, q0=None) -> Mechanism:
         """A mechanism with the same motion but fewer joints and rows, faster and easier to read.
 
-        Joints that the loops hold still are locked. Redundant loops are dropped, the last ones first, and a frame,
+        Joints that the loops immobilise are locked. Redundant loops are removed, the last ones first, and a frame,
         hinge or universal whose rotational rows are redundant becomes a point. Both are decided by the rank at a few
         closed configurations, along a random walk from the assembled one; the changes are logged. The motion, and the
         joint forces Jᵀλ of all loops together, are unchanged; the distribution of the load among redundant loops is
-        lost. A loop that is redundant elsewhere may be needed to guide a mechanism through a singular position: a
-        reduced mechanism may branch there, and a run that reaches such a position reports it.
+        lost. A loop that is redundant elsewhere may be needed to guide a mechanism through a singular configuration: a
+        reduced mechanism may branch there, and a run that reaches such a configuration reports it.
 
         `q0` is the configuration from which assembly starts, as for :func:`~pinconsist.assemble`; the new guess is the
         assembled configuration. Raises AssemblyError if the loops do not close, InputError if they leave no motion.
@@ -314,10 +315,10 @@ class Mechanism:
         return reduced(self, q0)
 
     def corrected(self, precision: float) -> Mechanism:
-        """The same mechanism with rounded numbers corrected, so that loops that belong together agree again.
+        """The same mechanism with rounded numbers corrected, so that redundant loops are consistent again.
 
         Some rows depend on others except for errors of at most `precision` (m and rad) in the placements of joints and
-        anchors. The smallest change of these placements, ``corrected_by``, is found with which they depend exactly,
+        anchors. The smallest change of these placements, ``corrected_by``, is computed with which they depend exactly,
         wherever the mechanism moves. The guess is then closed. If no change within the precision is found, the
         mechanism is returned unchanged.
         """
@@ -325,7 +326,7 @@ class Mechanism:
         return self if found is None else found.mechanism
 
     def to_pinocchio(self, q0=None) -> Any:
-        """The tuple (model, constraints, motors) with which ``pin.constraintDynamics`` has the same motion.
+        """The tuple (model, constraints, motors) for which ``pin.constraintDynamics`` gives the same motion.
 
         ``model`` is a copy of the tree. ``constraints`` are ``pin.RigidConstraintModel`` of the loops, in the axes of
         anchor 1: points and frames; a hinge is a point, and a second one on its axis where loops are not planar.

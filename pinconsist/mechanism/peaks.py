@@ -23,14 +23,14 @@ class Peak:
     Attributes
     ----------
     of : str
-        What: ``"force"``, ``"moment z"``, ….
+        The quantity: ``"force"``, ``"moment z"``, ….
     value : float
-        The value, N, N·m or as the result has it: of vectors their length; of components and numbers the one of
-        largest size, with its sign.
+        The value, N, N·m or in the unit of the result: for vectors their norm; for components and scalars the one of
+        largest magnitude, with its sign.
     t : float
         Its time, s.
     between : bool
-        Whether it was sought between the rows, too.
+        Whether it was also searched for between the rows.
     """
 
     of: str

@@ -1,4 +1,4 @@
-"""Forces and drives that act between the times at which a run looks at them."""
+"""Forces and drives that act between the times at which a run evaluates them."""
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -13,7 +13,7 @@ MAX_INTERVALS = 30  # intervals, those with the largest deviations
 
 
 def brief_times(system, t, q, v, intervals) -> np.ndarray:
-    """Times at which a run of a MechanismSystem should look at its forces and drives, ascending; usually none.
+    """Times at which a run of a MechanismSystem should evaluate its forces and drives, ascending; usually none.
 
     The forces that may bend or jump, the positions of drives, and the rates of other constraints that depend on time
     are evaluated at the rows (`t`, `q`, `v`) and between them. The times are those in the `intervals`, of equal length,

@@ -81,7 +81,7 @@ def require_nonsingular(system, q) -> None:
     """Raise SingularSystemError if the equations of a MechanismSystem have no unique solution at `q`.
 
     Either there are more drives than free motions; or some motion that the loops allow has no inertia; or `q` is a
-    singular position: some rows are dependent here but independent at closed configurations nearby, and the motion
+    singular configuration: some rows are dependent here but independent at closed configurations nearby, and the motion
     branches.
     """
     rows, name = system.rows, system.mechanism.name
@@ -108,7 +108,7 @@ def require_nonsingular(system, q) -> None:
     if rank > system.nc:
         loops = tuple(dict.fromkeys(loop for loop, _ in rows.labels))
         raise SingularSystemError(
-            f"{name}: a singular position: the loops ({', '.join(loops)}) have rank {system.nc} here and {rank} "
+            f"{name}: a singular configuration: the loops ({', '.join(loops)}) have rank {system.nc} here and {rank} "
             "nearby, so that the motion branches and the forces are not determined. Start a little away from it; "
             "passing through it during a run is no problem",
             names=loops,

@@ -103,20 +103,20 @@ class Reaction(_Wrench):
     joint_forces : ndarray, shape (n, nv)
         Jᵀλ, the term of the loop on the right-hand side of the equations of motion; for all kinds.
     dependence : float or None
-        None if the reaction is well determined. Otherwise the loop's rows are independent of the others' only because
-        numbers of a file are rounded, and this is the degree of independence, from 0 to 1: force, moment and torque are
+        None if the reaction is well determined. Otherwise the loop's rows are independent of the others only because
+        numbers in a file are rounded, and this is the degree of independence, from 0 to 1: force, moment and torque are
         then meaningless, but the sum of the joint forces of all loops is not.
     not_unique : tuple of str
-        Components in `axes` that equilibrium does not determine, as the loop is redundant: ``"force x"`` …
-        ``"moment z"``, ``"torque"``, or rows of a constraint. They are those of smallest norm, and would be others if
-        the tree were cut elsewhere; the other components are unique. Empty after a `compliance` of each that shares
-        the load.
+        Components in `axes` that equilibrium does not determine because the loop is redundant: ``"force x"`` …
+        ``"moment z"``, ``"torque"``, or rows of a constraint. They are those of smallest norm, and would be different
+        if the loop were cut elsewhere; the other components are unique. Empty if a `compliance` is given for every item
+        that shares the load.
     shared_with : tuple of str
         Loops and joints with which the loop shares a load in these components. Empty if they are not loaded, as
-        across the plane of a planar mechanism.
+        out of the plane of a planar mechanism.
     resultant_of : tuple of str
-        All loops and joints that join the same two bodies; if there is only this one, those of `shared_with` that act
-        on body 2.
+        All loops and joints that connect the same two bodies; if there is only this one, those of `shared_with` that
+        act on body 2.
     resultant_force, resultant_moment : ndarray, shape (n, 3), or None
         Their total force on body 2, and moment about anchor 2, in `axes`, which are unique; NaN in components that are
         not. None if nothing is shared.
@@ -148,13 +148,13 @@ class Reaction(_Wrench):
 
 @dataclass(frozen=True, eq=False)
 class JointForce(_Wrench):
-    """What one joint of the tree transmits over a run. Rows are the rows of the solution; arrays are read-only.
+    """The force transmitted by one joint of the tree over a run. Rows are those of the solution; arrays are read-only.
 
-    It balances the child body and all bodies beyond it: inertial forces, weights, loops and forces on bodies. Torques
-    of drives, actuators, springs, damping and friction of joints, and user-defined torques and constraints, act in
-    the joints: they are the components along the joint's free axes, less the torque that accelerates a rotor. A free
-    joint transmits nothing. If a user-defined force acts on bodies, as that of a floor does, the joints between it and
-    the ground also carry it; that is not known here, see ``taken_as_torques``.
+    It balances the child body and all bodies outboard of it: inertial forces, weights, loops and forces on bodies.
+    Torques of drives, actuators, springs, damping and friction in joints, and user-defined torques and constraints, act
+    in the joints: they are the components along the joint's free axes, less the torque that accelerates a rotor. A free
+    joint transmits nothing. If a user-defined force acts on bodies, like that of a floor, the joints between it and the
+    ground also carry it; this cannot be taken into account, see ``taken_as_torques``.
 
     Attributes
     ----------
@@ -166,9 +166,9 @@ class JointForce(_Wrench):
         Times, s.
     force, moment : ndarray, shape (n, 3)
         Force on the child from its parent, N, and moment about the origin of the joint's frame on the child, N·m; the
-        parent receives the opposite, there too.
+        parent receives the opposite at the same point.
     not_unique, shared_with, resultant_of, resultant_force, resultant_moment
-        As in :class:`Reaction`, of the child, about the same point.
+        As in :class:`Reaction`, for the child, about the same point.
     taken_as_torques : tuple of str
         The user-defined torques and constraints of the mechanism. A :class:`~pinconsist.Wrench` and a
         :class:`~pinconsist.SpringDamper` act at their points.
@@ -234,7 +234,7 @@ class HasReactions:
         return reaction(self._states(), loop, axes, compliance)
 
     def joint_force(self, joint: str, *, axes: str = "world", compliance=None) -> JointForce:
-        """What a `joint` of the tree transmits: force and moment on its child, see :class:`~pinconsist.JointForce`.
+        """The force and moment that a `joint` of the tree transmits to its child, see :class:`~pinconsist.JointForce`.
 
         `axes` are "world", or "joint" for those of its frame. `compliance` is as in :meth:`Solution.reaction`. Raises
         InputError for other names and axes.
@@ -491,7 +491,7 @@ def reactions(mechanism: Mechanism, names, t, q, lam, axes: str = "world", works
 def undetermined(mechanism: Mechanism, t, q, data=None, rows=None) -> dict[str, float]:
     """Loops whose multipliers are meaningless, with the small relative singular value of their rows.
 
-    This value must be small at all examined times: while a singular position is passed, forces are large but real.
+    This value must be small at all examined times: while a singular configuration is passed, forces are large but real.
     Exactly dependent rows share their load at minimum norm, and are not included.
     """
     data, rows, samples = data or mechanism.model.createData(), rows or LoopRows.of(mechanism), []

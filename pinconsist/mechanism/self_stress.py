@@ -160,7 +160,7 @@ def wrenches_of(rows, data, multipliers) -> tuple[dict, dict, dict]:
 def over_samples(rows, data, t, q) -> dict[int, SelfStress]:
     """The self-stresses at a few rows of a run; empty if its loops are independent at one of them.
 
-    While a singular position is passed, there are more of them; such rows are left out.
+    While a singular configuration is passed, there are more of them; such rows are left out.
     """
     found = {}
     for i in sampled(len(t)):

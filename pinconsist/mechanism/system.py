@@ -316,7 +316,7 @@ class MechanismSystem(Index3System):
     def opened(self, times, configurations, gaps=None):
         """(index, gap, row) of the first configuration in which a dropped row is open, or None.
 
-        This happens if the kept rows lose rank during the run, or the start was a singular position.
+        This happens if the kept rows lose rank during the run, or the start was a singular configuration.
         """
         if self.dropped_are_zero:
             return None

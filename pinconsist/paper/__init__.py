@@ -1,7 +1,7 @@
-"""The paper: exact and numerically consistent initial values of index-3 equations, in Python to be read.
+"""The paper: exact and numerically consistent initial values of index-3 equations, in readable Python.
 
 C. Arévalo, *A note on numerically consistent initial values for high index DAEs*, ETNA 34 (2008), generalised to BDF of
-orders 1 to 6. Fixed steps, plain Newton, visible matrices, scipy for everything else; in the order of reading
+orders 1 to 6. Fixed steps, plain Newton, explicit matrices, scipy for everything else; in reading order:
 
 * ``formula.py``: the weights of BDF,
 * ``step.py``: the matrix of a step, and Newton's iteration,
@@ -11,7 +11,7 @@ orders 1 to 6. Fixed steps, plain Newton, visible matrices, scipy for everything
 * ``problems.py``, ``compare.py``: the problems and tables of the paper.
 
 It solves any :class:`~pinconsist.engine.problem.Index3System`, among them mechanisms; systems without bodies do not
-need Pinocchio. What :func:`pinconsist.simulate` uses is another, adaptive implementation, whose fixed steps are tested
+need Pinocchio. :func:`pinconsist.simulate` uses a separate, adaptive implementation, whose fixed steps are tested
 against this one.
 """
 

@@ -28,13 +28,13 @@ class Run:
     loop, of, unit : str
         The loop's name, empty for a multiplier; ``the force in`` it or the like; N or N·m, empty for a multiplier.
     t, exact, consistent, every_step : ndarray, shape (n,)
-        Times, and the size of the force's error from exact values, from consistent ones, with every step corrected.
-        For order k the first k rows are the exact start; the first BDF step is row k.
+        Times, and the magnitude of the error of the force from exact values, from consistent ones, with every step
+        corrected. For order k the first k rows are the exact start; the first BDF step is row k.
     true, from_exact : ndarray, shape (n, 3) or (n, 1)
-        The force on body 2, world axes, or the torque or multiplier: the true one, and that of the multipliers from
-        exact values, at the true positions.
+        The force on body 2 in world axes, or the torque or multiplier: the exact one, and that of the multipliers from
+        exact initial values, at the exact positions.
     q, lam : ndarray, shape (n, nq) and (n, nc)
-        The true positions and multipliers.
+        The exact positions and multipliers.
     v_given, v_consistent : ndarray, shape (nv,)
         The initial velocity as given, and the numerically consistent one.
     """
@@ -57,12 +57,12 @@ class Run:
 
     @property
     def ok(self) -> bool:
-        """Whether the first force from exact values is wrong by at most 1 %, as it is from rest."""
+        """Whether the error of the first force from exact values is at most 1 %, as when starting from rest."""
         return bool(self.exact[self.order] <= OFF * np.linalg.norm(self.true[self.order]))
 
     @property
     def wrong(self) -> str:
-        """How wrong the first force from exact values is: ``107 % wrong``."""
+        """The error of the first force from exact values: ``107 % wrong``."""
         return f"{self._share(self.exact)} wrong"
 
     @property

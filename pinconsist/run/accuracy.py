@@ -26,8 +26,8 @@ from .options import Options, looking
 from .output import Output
 from .steppers import stepper_for
 
-LOOKS = 1000  # of the finer run at what acts, at least: at a pulse that lasts a two-hundredth of the span five
-SHORTER = 0.3  # longest steps of the finer run, relative to those of a run: it looks at other times
+LOOKS = 1000  # least number of force evaluations in the finer run: five in a pulse of a two-hundredth of the span
+SHORTER = 0.3  # longest steps of the finer run, relative to those of a run: it evaluates forces at other times
 FINER = 0.1  # of the tolerance
 ENDS = 100  # steps of Radau between rows that are compared
 FINER_TIME = 3.0  # s of processor time that the finer run may take if it was not requested
@@ -90,7 +90,7 @@ class GlobalError:
 
 
 def figure(name: str, value: float, unit: str, looks: bool, about: str = "", digits: str = ".2e") -> str:
-    """One line of a certificate; `looks` if a person should look at it."""
+    """One line of a certificate; `looks` if the user should check it."""
     return f"{name:<20}{value:9{digits}} {unit:<6} {'look' if looks else 'ok':<4}  {about}".rstrip()
 
 
@@ -177,7 +177,7 @@ def global_error(solution, finer: FinerRun) -> GlobalError:
 
 
 def _steps(name) -> int:
-    """The least number of steps of a finer run; Radau looks at its stages."""
+    """The least number of steps of a finer run; Radau evaluates forces at its stages."""
     return LOOKS // int(constant("FEWEST_STAGES")) if name == "Radau" else LOOKS
 
 

@@ -38,39 +38,39 @@ class Certificate:
     position : float
         |Φ|, m or rad: the largest gap of a loop. ``position_at`` names the row and the time.
     velocity : float
-        |J v + Φ_t|, m/s or rad/s. Raw BDF (``exact``, ``initial``) inherently leaves O(hᵏ) here.
+        |J v + Φ_t|, m/s or rad/s. With uncorrected BDF (``exact``, ``initial``) it is inherently O(hᵏ).
     force : float
-        |Jᵀλ - Jᵀλ*| relative to the largest of all acting forces: |Jᵀλ*|, weights, inertial forces of the velocities,
+        |Jᵀλ - Jᵀλ*| relative to the largest of all forces: |Jᵀλ*|, weights, inertial forces of the velocities,
         and the sum of these and the other forces. λ* is the multiplier of the differential equation at the same q, v.
         For a general problem, G replaces Jᵀ. Rows of the start of BDF, whose λ is λ* by construction, are excluded.
     force_first : float
         The same at the first step of the multistep method.
     energy_error : float or None
-        |E(t) - E(0) - work of the forces| relative to the energies that were exchanged, see
-        :attr:`Energy.balance_error`; None for a general problem. Up to four times ``work_error`` it is no concern.
+        |E(t) - E(0) - work of the forces| relative to the exchanged energies, see
+        :attr:`Energy.balance_error`; None for a general problem. Up to four times ``work_error`` it is not a concern.
     work_error : float
-        How far the work of the forces is uncertain because the rows are few, see :attr:`Energy.work_error`; 0 if the
+        Uncertainty of the work of the forces due to the small number of rows, see :attr:`Energy.work_error`; 0 if the
         balance is good.
     energy : ndarray or None
         Kinetic, potential and elastic energy of each row, J.
     undetermined : dict of str to float
         Loops whose individual forces are not determined, see :attr:`Reaction.dependence`; empty for a general problem.
     not_unique : dict of str to tuple of str
-        Loops and joints that share a load which rigid bodies do not distribute, and the components of their wrench, see
-        :attr:`Reaction.shared_with`. The motion and the sum of the joint forces are right, and the verdict names them.
+        Loops and joints that share a statically indeterminate load, and the components of their wrench, see
+        :attr:`Reaction.shared_with`. The motion and the sum of the joint forces are correct; the verdict names them.
     beyond_limits : tuple of BeyondLimit
-        Joints that leave the position limits of their file, which are not enforced: ``joint``, first time ``t``, the
+        Joints that exceed the position limits in their file, which are not enforced: ``joint``, first time ``t``, the
         ``value`` farthest outside, ``lower`` and ``upper`` limit.
     corrected_by : float
         The amount by which rounded numbers of the file were changed, m or rad, see :meth:`Mechanism.corrected`.
     fixed_step : bool
-        Whether the run had a fixed step, to which advice then refers.
+        Whether the run had a fixed step, to which suggestions then refer.
     ended_early : bool
-        Whether the run could not continue; its message has the reason and advice.
+        Whether the run could not continue; its message gives the reason and suggestions.
     error : GlobalError or None
         The difference from a finer run; None if there is none.
     error_missing : str
-        Why there is no `error` although it was asked for.
+        Why there is no `error` although it was requested.
     saturated : dict of str to float
         Actuators whose command or force was clipped to its limits, and the fraction of rows in which it was.
     speed : float
@@ -78,17 +78,17 @@ class Certificate:
     units : tuple of str
         Of `position` and of `velocity`; empty for a general problem.
     added : dict of str to float
-        Events whose velocities do not fit the constraints and that add energy, and the most that one of their
-        occurrences adds, relative to the kinetic energy before.
+        Events whose velocities violate the constraints and that add energy, and the largest energy added by one of
+        their occurrences, relative to the kinetic energy before.
     branches : tuple of float
-        Times, s, at which the loops pass a singular position, where branches of the motion meet; not searched for with
+        Times, s, at which the loops pass a singular configuration, where branches of the motion meet; not computed with
         ``check(error=False)``.
     pulling : dict of str to float
         Unilateral constraints that pull, see :class:`Constraint`, and the first time at which they do, s.
     not_finite : str
-        The first number of the rows that is not finite, as text; nothing else is judged then.
+        The first non-finite number in the rows, as text; nothing else is judged then.
     not_modelled : tuple of str
-        What the mechanism's file has that has no effect, see ``Mechanism.ignored``.
+        Elements of the mechanism's file that have no effect, see ``Mechanism.ignored``.
     """
 
     position: float
@@ -126,16 +126,17 @@ class Certificate:
 
     @property
     def not_judged(self) -> list[str]:
-        """What the verdict is silent about, although it could be wrong: ``error``, ``energy``; usually empty."""
+        """Quantities that were not checked, although they could be wrong: ``error``, ``energy``; usually empty."""
         return ["error"] * (self.error is None) + ["energy"] * self._too_few_rows
 
     @property
     def verdict(self) -> str:
         """One line: ``closed to 8e-15 m, forces good to 2e-5, error of q about 1e-6 rad: ok``.
 
-        If there are :attr:`concerns`, it ends with these instead of ``ok``; neither stands there if nothing shows
-        whether the motion is right, neither an estimate of its error nor its energy. It also names what is
-        :attr:`not_unique`, what was :attr:`not_judged`, and the contacts among what is :attr:`not_modelled`.
+        If there are :attr:`concerns`, it ends with these instead of ``ok``; it ends with neither if nothing shows
+        whether the motion is correct, neither an estimate of its error nor its energy. It also names forces that are
+        :attr:`not_unique`, quantities that were :attr:`not_judged`, and the contacts among the elements that are
+        :attr:`not_modelled`.
         """
         if self.not_finite:
             return f"{self.not_finite} is not a finite number: nothing was judged"
@@ -179,7 +180,7 @@ class Certificate:
             why = "redundant loops share their load, see sol.reaction(name)"
             lines.append(f"{'  not unique':<20} those of {listed(self.not_unique)}: {why}")
         if self._too_few_rows:
-            lines.append(f"{'energy balance':<20} not judged: the rows are too few to see the work of the forces")
+            lines.append(f"{'energy balance':<20} not judged: there are too few rows to resolve the work of the forces")
         elif self.energy_error is not None:
             where = "relative to the exchanged energy"
             lines.append(figure("energy balance", self.energy_error, "", "energy" in named, where))
@@ -222,18 +223,18 @@ class Certificate:
             )
         if self.error is not None and self.error.amplified:
             found["error"] = (
-                f"the error is {self.error.tolerances:.0f} times the tolerance: the motion amplifies disturbances, as "
-                f"chaotic motions do; {advice} until the digits suffice, or trust only the beginning of the run"
+                f"the error is {self.error.tolerances:.0f} times the tolerance: the motion amplifies perturbations, as "
+                f"chaotic motions do; {advice} until the accuracy suffices, or trust only the beginning of the run"
             )
         if self.undetermined:
             found["undetermined forces"] = (
-                f"{not_determined(self.undetermined)}; the motion and all loops' Jᵀλ together are right. "
+                f"{not_determined(self.undetermined)}; the motion and the sum of Jᵀλ over all loops are correct. "
                 "mechanism.reduced() removes the redundant rows"
             )
         if self.beyond_limits:
             names = [str(each) for each in self.beyond_limits[:SHOWN]]
             names += [f"and {more} more"] if (more := len(self.beyond_limits) - SHOWN) > 0 else []
-            found["joint limits"] = f"joints leave their limits, which are not enforced: {'; '.join(names)}"
+            found["joint limits"] = f"joints exceed their limits, which are not enforced: {'; '.join(names)}"
         if self.added:
             gains = ", ".join(f"{name or 'without a name'} {share:.2g} times" for name, share in self.added.items())
             found["events"] = (
@@ -243,14 +244,14 @@ class Certificate:
         if self.branches:
             times = ", ".join(f"{t:.6g}" for t in self.branches[:SHOWN]) + ", …" * (len(self.branches) > SHOWN)
             found["branches"] = (
-                f"the loops pass a singular position at t = {times} s, where branches of the motion meet: the run goes "
-                "straight on, but a small force or a small change of a length decides which branch is taken"
+                f"the loops pass a singular configuration at t = {times} s, where branches of the motion meet: the run "
+                "continues straight on, but a small force or a small change of a length decides which branch is taken"
             )
         if self.pulling:
             names = "; ".join(f"{name!r} from t = {t:.6g} s" for name, t in self.pulling.items())
             found["unilateral constraints"] = (
-                f"constraints that can only push would have to pull: {names}; in reality the bodies part there, and "
-                "the motion after it is another one"
+                f"constraints that can only push would have to pull: {names}; in reality the bodies separate there, "
+                "and the motion after that is different"
             )
         if self.saturated:
             shares = ", ".join(f"{name} in {share:.0%} of the rows" for name, share in self.saturated.items())

@@ -170,7 +170,7 @@ def carry_out(recipe, mechanism, file, *, begun=None, callback=None):
                     try:
                         saved(parts.solution(), file)
                     except SavingError as error:  # a disk that is full now may have room at the next checkpoint
-                        _log.warning("%s, at t = %g; the run goes on, and is saved at the next checkpoint", error, end)
+                        _log.warning("%s, at t = %g; the run continues and is saved at the next checkpoint", error, end)
                     due = time.monotonic() + 10 * (time.monotonic() - began)
         except (PinconsistError, KeyboardInterrupt, MemoryError) as error:
             if parts.last is None:  # there is nothing yet that could be lost

@@ -1,6 +1,6 @@
-"""The discrete linearisation of steps of Radau IIA: how their end depends on their start, and on inputs that are held.
+"""Discrete-time linearisation of Radau IIA steps with respect to the state at their start and the held inputs.
 
-The derivatives are those of the steps that were made, propagated by the same C++ as those of runs; inputs are torques
+The derivatives are those of the accepted steps, propagated by the same C++ code as those of runs; inputs are torques
 and commands that are constant over the steps, so that their effect on the equations is known.
 """
 
@@ -32,15 +32,16 @@ COMMAND_STEP = 1e-3  # relative step of differences by a command, in which actua
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StepLinearization:
-    """How the state after a step depends on the state before it and on the inputs that were held: x₁ = A x₀ + B u.
+    """The linearisation of a step with respect to the state before it and the held inputs: δx₁ = A δx₀ + B δu.
 
-    x = (ξ, v): tangent coordinates of the configuration, and velocities, 2 nv numbers. Starts that violate the
-    constraints are projected onto them by the step: A then has the derivative of that, too. ``A, B = linearization``.
+    x = (ξ, v): tangent coordinates of the configuration, and velocities, 2 nv numbers. Initial states that violate the
+    constraints are projected onto them by the step: A includes the derivative of the projection. ``A, B =
+    linearization``.
 
     Attributes
     ----------
     inputs : tuple of str
-        The m inputs: actuators, whose commands they are, and velocities, ``crank`` or ``ball[0]``, whose torques.
+        The m inputs: actuators (their commands) and velocities, ``crank`` or ``ball[0]`` (their torques).
     t, q, v : float, ndarray, ndarray
         The state after the step.
     """
@@ -84,12 +85,12 @@ class StepLinearization:
 
     @property
     def lam_x(self) -> np.ndarray:
-        """The multipliers after the step by x₀, (nc, 2 nv)."""
+        """∂λ₁/∂x₀, (nc, 2 nv), for the multipliers after the step."""
         return self._of_multipliers[:, : len(self.A)]
 
     @property
     def lam_u(self) -> np.ndarray:
-        """The multipliers after the step by u, (nc, m)."""
+        """∂λ₁/∂u, (nc, m), for the multipliers after the step."""
         return self._of_multipliers[:, len(self.A) :]
 
     @cached_property
@@ -107,7 +108,7 @@ class StepLinearization:
 
     @cached_property
     def coordinates(self) -> tuple[str, ...]:
-        """Velocities that determine all others, as many as there are degrees of freedom; those of motors come first."""
+        """Independent velocities, one for each degree of freedom; those of motors come first."""
         names = velocity_names(self._system.model)
         return tuple(names[column] for column in self._columns)
 
@@ -123,18 +124,18 @@ class StepLinearization:
 
     @property
     def A_reduced(self) -> np.ndarray:
-        """∂y₁/∂y₀ of the coordinates and their velocities, (2 d, 2 d): without the constraints, and faster."""
+        """∂y₁/∂y₀ for the independent coordinates and their velocities, (2 d, 2 d); faster than :attr:`A`."""
         return self._small[0][self._rows]
 
     @property
     def B_reduced(self) -> np.ndarray:
-        """∂y₁/∂u of the coordinates and their velocities, (2 d, m)."""
+        """∂y₁/∂u for the independent coordinates and their velocities, (2 d, m)."""
         return self._small[1][self._rows]
 
     def frame(self, frame: str) -> tuple[np.ndarray, np.ndarray]:
-        """The derivatives of the pose of a `frame` after the step by x₀ and by u, (6, 2 nv) and (6, m).
+        """The derivatives of the pose of a `frame` after the step with respect to x₀ and u, (6, 2 nv) and (6, m).
 
-        Its displacement, m, and its rotation, rad, in world axes. Raises InputError for an unknown frame.
+        The rows are displacement, m, and rotation, rad, in world axes. Raises InputError for an unknown frame.
         """
         system, nv = self._system, self._system.nv
         model, data = system.model, system.model.createData()

@@ -24,18 +24,18 @@ class Event:
     Parameters
     ----------
     function : callable
-        ``g(t, q, v, lam) -> float``; the event is where it passes zero.
+        ``g(t, q, v, lam) -> float``; the event is where it crosses zero.
     terminal : bool or int
-        Stop there; a number: stop after that many occurrences.
+        Whether to stop at the event; a number: stop after that many occurrences.
     direction : float
-        > 0: only where g rises, < 0: only where it falls, 0: both.
+        > 0: only where g increases, < 0: only where it decreases, 0: both.
     apply : callable, optional
         ``apply(t, q, v)`` returns the state after the event (a latch, an impact):
 
-        * a mapping joint name → velocity: these joints have it, as if by impulses at them; the others follow through
-          the loops, and change as little as the masses allow,
+        * a mapping joint name → velocity: these joints get this velocity, as if by impulses at them; the others follow
+          through the loops, with the smallest change in the mass metric,
         * a velocity, which is projected onto the constraints in the mass metric; a warning says if a joint then does
-          not have the velocity that was set, as in a closed chain in which only one of them was changed,
+          not have the velocity that was set, as in a closed chain in which only one joint was changed,
         * ``(q, v)``, `v` being either of these,
         * ``None`` if only forces change.
 
@@ -235,8 +235,8 @@ class EventWatch:
         times = [occurrence[0] for occurrence in self.found[i]]
         return (
             f"the event {self.events[i].name or 'without a name'} accumulates at t = {t:.6g}, after "
-            f"{len(times)} occurrences: the times between them have shrunk to {abs(times[-1] - times[-2]):.1g} s. What "
-            "bounces there comes to rest, which no event can model, but a contact can: in place of the event, "
+            f"{len(times)} occurrences: the times between them have shrunk to {abs(times[-1] - times[-2]):.1g} s. The "
+            "bouncing body comes to rest, which an event cannot model but a contact can: instead of the event, use "
             "mech.with_contacts(pc.Stop(joint, lower, upper, restitution)), or pc.Contact for a point above a plane"
         )
 

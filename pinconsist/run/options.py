@@ -153,9 +153,9 @@ class Options:
 
 
 def without_backend(backend) -> None:
-    """Warn of an argument that has no effect any more."""
+    """Warn of an argument that no longer has an effect."""
     if backend is not None:
-        warn("backend= has no effect any more: all runs are made by the compiled method. Leave it out")
+        warn("backend= is deprecated and has no effect: all runs use the compiled method. Omit it")
 
 
 def warn_of_differences(system, method) -> None:

@@ -35,7 +35,7 @@ class JointMotion:
     Attributes
     ----------
     joint : str
-        Its name, or that of one of its coordinates, ``ball[0]``.
+        Name of the joint, or of one of its coordinates, ``ball[0]``.
     t : ndarray, shape (n,)
         Times, s.
     position, velocity, acceleration : ndarray, shape (n,), or (n, k) for a joint of several
@@ -84,7 +84,7 @@ class FrameMotion:
 
 @dataclass(frozen=True, eq=False)
 class ElementForce(HasPeaks):
-    """What one force of a mechanism exerts over a run. Rows are those of the solution; what it has not is None.
+    """One force of a mechanism over a run. Rows are those of the solution; missing quantities are None.
 
     Attributes
     ----------
@@ -93,13 +93,13 @@ class ElementForce(HasPeaks):
     t : ndarray, shape (n,)
         Times, s.
     force : ndarray, shape (n,) or (n, 3)
-        Of a spring between points, its tension, N, positive for a pull. Of an actuator, its force before the gear, N·m
-        or N. Of a wrench, the force in world axes, N.
+        For a spring between points, its tension, N. For an actuator, its force before the gear, N·m or N. For a wrench,
+        the force in world axes, N.
     moment : ndarray, shape (n, 3)
-        Of a wrench, the moment about its point in world axes, N·m.
+        For a wrench, the moment about its point of application in world axes, N·m.
     length, speed : ndarray, shape (n,)
-        Of a spring, the distance of its points, m, and its rate, m/s; of an actuator, gear times joint position, rad or
-        m, and its rate.
+        For a spring, the distance between its points, m, and its rate, m/s; for an actuator, gear times joint position,
+        rad or m, and its rate.
     torque : ndarray, shape (n,), or (n, nv)
         Its torque on the joints, N·m or N, as :meth:`Solution.torque` returns it.
     """
@@ -211,7 +211,7 @@ class ByName:
 
     @property
     def modes(self) -> list[ContactMode]:
-        """What each contact did, and from when to when, in order of time; empty without contacts."""
+        """The mode of each contact, with begin and end, in order of time; empty without contacts."""
         return self.contacts.modes(float(self.t[-1])) if self.contacts else []
 
     @property
@@ -230,8 +230,9 @@ class ByName:
     def force(self, name: str, mechanism=None) -> ElementForce:
         """The force of an element, such as a spring: with its length and speed, see :class:`ElementForce`.
 
-        `name` is the label of a force, ``"spring boom-stick"``, or a word of it that no other has, ``"boom-stick"``.
-        `mechanism` is as in :meth:`check`. Raises InputError for other names; for loops and joints it names the method.
+        `name` is the label of a force, ``"spring boom-stick"``, or a word that occurs in no other label,
+        ``"boom-stick"``. `mechanism` is as in :meth:`check`. Raises InputError for other names; for loops and joints it
+        names the method.
         """
         mechanism = self._mechanism(mechanism, "force")
         forces = bound_forces(mechanism.model, mechanism.forces)
@@ -318,10 +319,10 @@ class ByName:
         return _dataframe(*self._table(mechanism, forces))
 
     def to_csv(self, file, mechanism=None, *, forces=()) -> Path:
-        """The path of the CSV `file`: the table of :meth:`to_dataframe`, units in the headings: ``v.crank [rad/s]``.
+        """Write the table of :meth:`to_dataframe` with units, ``v.crank [rad/s]``, to a CSV `file` and return its path.
 
-        Forces that redundant loops share have the heading ``lam.hinge.x [N; not unique]``. It is written whole or not
-        at all; `mechanism` and `forces` are as in :meth:`to_dataframe`. Raises OSError if that fails.
+        Forces shared by redundant loops have the column name ``lam.hinge.x [N; not unique]``. The file is written
+        atomically; `mechanism` and `forces` are as in :meth:`to_dataframe`. Raises OSError if that fails.
         """
         names, units, values, shared = self._table(mechanism, forces)
         for i, name in enumerate(names):

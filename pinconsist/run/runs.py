@@ -50,18 +50,18 @@ class Rerun:
 def record(
     scene, t_span, file, q0=None, v0=None, *, load=None, save_every=None, forces=(), callback=None, **options
 ) -> Solution:
-    """Simulate, and keep the run in a file from which it can be repeated and continued.
+    """Simulate, and record the run in a file from which it can be repeated and continued.
 
-    With `save_every` the file is written again at each checkpoint, and always holds a complete run up to there; a
+    With `save_every` the file is rewritten at each checkpoint, and always contains a complete run up to that point; a
     process that is killed loses only what came after. (Checkpoints are skipped where saving would take more than a
-    tenth of the time.) At every checkpoint the integration starts again from the state there; so the numbers depend on
-    `save_every` (within the tolerances), and :func:`resume` gives exactly those of the run without interruption.
+    tenth of the time.) At every checkpoint the integration restarts from the state there; therefore the numbers depend
+    on `save_every` (within the tolerances), and :func:`resume` reproduces exactly those of an uninterrupted run.
     Ctrl-C, SIGTERM and SIGHUP end the run, with the part so far in the file.
 
     Parameters
     ----------
     scene : str, path-like or Mechanism
-        As for :func:`pinconsist.load`; a mechanism in memory must be given again to `rerun` and `resume`.
+        As for :func:`pinconsist.load`; a mechanism in memory must be passed again to `rerun` and `resume`.
     t_span, q0, v0 : optional
         As for :func:`pinconsist.simulate`.
     file : path-like
@@ -69,11 +69,11 @@ def record(
     load : mapping, optional
         Options of :func:`pinconsist.load`: ``loops``, ``closure``, ``free_flyer``, ``package_dirs``.
     save_every : float, optional
-        Period of checkpoints, s of simulated time. Choose it much longer than a step: each checkpoint costs a start of
-        the method and writing a file of the run so far.
+        Period of checkpoints, s of simulated time. Choose it much longer than a step: each checkpoint costs a restart
+        of the method and writing the run so far to the file.
     forces : sequence
-        As for :func:`pinconsist.simulate`. Records, numbers and Motions are kept in the file; Python functions
-        cannot be kept, and must be given again to `rerun` and `resume`.
+        As for :func:`pinconsist.simulate`. Records, numbers and Motions are stored in the file; Python functions cannot
+        be stored, and must be passed again to `rerun` and `resume`.
     callback : callable, optional
         As for :func:`pinconsist.simulate`; an exception in it ends the run as a failure; the rows so far are kept.
     **options
@@ -110,8 +110,8 @@ def record(
 def resume(file, *, scene=None, forces=None, callback=None) -> Solution:
     """Continue a run from its file, which :func:`record` wrote, to its end.
 
-    Rows after the last checkpoint are computed again; without checkpoints that is the whole run. On one machine the
-    result is, bit for bit, that of the run without interruption. A run that reached its end is returned as it is.
+    Rows after the last checkpoint are computed again; without checkpoints, this is the whole run. On the same machine
+    the result is bit-for-bit identical to an uninterrupted run. A run that reached its end is returned unchanged.
 
     Parameters
     ----------

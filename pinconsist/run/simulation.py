@@ -35,71 +35,71 @@ def simulate(
     t_span : (float, float)
         Start and end, s. An end before the start integrates backwards.
     q0 : mapping or array, optional
-        Mapping joint name → value: the named joints are kept if the loops allow it, else a warning says where they
-        are; the others follow. Array (nq,): a starting guess from which the loops are closed; no entry is kept.
-        Default: the scene's guess.
+        Mapping joint name → value: the named joints keep these values if the loops allow it, otherwise a warning
+        reports the actual ones; the others follow. Array (nq,): an initial guess from which the loops are closed; all
+        entries may change. Default: the scene's guess.
     v0 : mapping or array, optional
         Mapping joint name → velocity: the named joints keep it, the others follow. Array (nv,): projected
         onto the constraints in the mass metric. Default: rest.
     method : {"Radau", "BDF", "ImplicitEuler"}, optional
         Radau IIA, whose steps need no history; BDF of variable order; or implicit Euler (BDF-1). Default: Radau IIA;
-        BDF for mechanisms of more than 32 degrees of freedom, where it is faster if neither `step` nor `order` is
-        given, and for modes of `consistency` that Radau does not have.
+        BDF for mechanisms of more than 32 degrees of freedom, where it is faster, if neither `step` nor `order` is
+        given, and for values of `consistency` that Radau does not support.
     step : float, optional
-        Fixed step, s: the largest step not above it that divides the interval. The order is then the same throughout,
-        and Newton runs to rounding. Without it step and order vary.
+        Fixed step, s; reduced to the largest step that divides the interval. The order is then constant, and Newton
+        iterates to rounding. By default step and order vary.
     order : int, optional
-        Radau: 1, 3, 5, 9 or 13; by default it starts at 9 and varies. BDF: the highest order, 1 to 5 (default 5); with
-        `step` the order throughout, 1 to 6.
+        Radau: 1, 3, 5, 9 or 13; by default it starts at 9 and varies. BDF: the maximum order, 1 to 5 (default 5); with
+        `step` the constant order, 1 to 6.
     rtol, atol : float or (float, float)
         The accuracy of the run in positions and velocities, relative to the largest value of each coordinate and
         absolute; a pair (q, v) sets them separately. ``sol.error`` estimates what was achieved: a motion that amplifies
-        errors loses accuracy. The multipliers are never part of the error test. They converge with the velocities.
+        errors loses accuracy. The multipliers are never part of the error test; they converge with the velocities.
     forces : sequence
         Forces in addition to the mechanism's own; see :class:`Mechanism`.
     control : mapping, optional
         Commands of actuators, by their names or those of their joints: ``{"knee": 0.4}``, a number, a function of time,
         or a table (times, values), interpolated linearly and constant outside; see :meth:`Mechanism.with_control`.
     t_eval : array, optional
-        Times of the rows, inside the span, in its direction; no other rows are kept. Rows are interpolated between
-        steps: their loops are closed to the tolerance only. Default: every accepted step.
+        Times of the rows, within the span and in its direction; no other rows are stored. Rows are interpolated between
+        steps: their loops are closed only to the tolerance. Default: every accepted step.
     dense_output : bool
-        Whether to make ``sol.sol(t) -> (q, v, lam)`` for any time.
+        Whether to compute a continuous solution ``sol.sol(t) -> (q, v, lam)``.
     events : Event or function, or sequence of them, optional
         See :class:`Event`; plain functions ``g(t, q, v, lam)`` may carry ``terminal``, ``direction``, ``apply``.
     callback : callable, optional
         ``callback(t, q, v, lam)`` after every accepted step; a true value stops the run. If it has an attribute
-        ``order``, that is set to the order of the step first (0: the start of BDF). The next step is made when it has
-        returned.
+        ``order``, this is first set to the order of the step (0: the start of BDF). The next step is computed after it
+        has returned.
     consistency : {"every-step", "initial", "exact"}
-        ``"every-step"``: every accepted step is projected onto the hidden constraint, multipliers have full order
-        throughout. ``"initial"``: the starting velocities are made numerically consistent (Arévalo 2008), nothing
-        else; for fixed steps. ``"exact"``: raw BDF from the exact values; its first multipliers are wrong.
+        ``"every-step"``: every accepted step is projected onto the hidden constraint; multipliers have full order
+        throughout. ``"initial"``: only the starting velocities are made numerically consistent (Arévalo 2008); for
+        fixed steps. ``"exact"``: plain BDF from the exact values; its first multipliers are wrong.
     first_step, max_step : float, optional
         First and largest step of the variable-step method, s. If there are laws of (t, q, v) among the forces, or
-        actuators with a limited force, the default is a tenth (Radau) or a twentieth (BDF) of the span, as they may
-        begin to act after a time of rest. See the notes.
+        actuators with a force limit, the default is a tenth (Radau) or a twentieth (BDF) of the span, because they may
+        become active after a period of rest. See the notes.
     max_steps : int, optional
         Stop with an error after this many steps.
     backend : str, optional
-        Has no effect any more.
+        Deprecated; has no effect.
 
     Returns
     -------
     Solution
-        If the integration fails, ``success`` is False, and the solution holds the rows so far and a message. Ctrl-C
-        ends the run with the rows so far, ``status`` 1; after the last step it has no effect.
+        If the integration fails, ``success`` is False, and the solution contains the rows so far and a message. Ctrl-C
+        ends the run with the rows so far and ``status`` 1; after the last step it has no effect.
 
     Notes
     -----
-    Steps end at the times of tables, at the knots of drives and of SciPy's splines, and where functions of time (of
-    drives, constraints, forces, targets and commands) jump, bend, or begin, peak or end a pulse. These are found before
-    a run of variable step: such functions are sampled 2,000 times over the span, and every millisecond up to 10,000
-    times, constraints and laws of (t, q, v) at the start state, and up to 10,000 times more for the exact times of
-    jumps and bends. They are called within the span only. Pulses shorter than two samples may be missed: pass their
-    times, as a table, as `knots` or in a :class:`Piecewise`, or limit steps by `max_step`. A fixed `step` ends at known
-    times only. A function that remembers earlier calls is no function of time: use :class:`Sampled`. (Of laws that are
-    objects, a copy is sampled, and laws that do not use t are not.)
+    Steps end at the times of tables, at the knots of drives and of SciPy splines, and where functions of time (of
+    drives, constraints, forces, targets and commands) have a jump or a kink, or where a pulse begins, peaks or ends.
+    These times are located before a variable-step run: such functions are sampled 2,000 times over the span, and every
+    millisecond up to 10,000 times (constraints and laws of (t, q, v) at the initial state), and up to 10,000 times more
+    for the exact times of jumps and kinks. They are called only within the span. Pulses shorter than two samples may be
+    missed: pass their times, as a table, as `knots` or in a :class:`Piecewise`, or limit steps by `max_step`. A fixed
+    `step` ends at known times only. A function that depends on earlier calls is not a function of time: use
+    :class:`Sampled`. (For laws that are objects, a copy is sampled; laws that do not use t are not sampled.)
 
     Raises
     ------
@@ -132,17 +132,17 @@ def integrate(
     dense_output=False, events=None, callback=None, consistency="every-step", first_step=None, max_step=np.inf,
     max_steps=None, backend=None,
 ) -> Solution:  # fmt: skip
-    """Integrate an index-3 system from given initial values, without assembly.
+    """Integrate an index-3 system from initial values, without assembly.
 
     Parameters
     ----------
     system : HessenbergProblem or Mechanism or Index3System
-        What to integrate; a mechanism with its own forces.
+        The system to integrate; a mechanism with its own forces.
     t_span : (float, float)
         Start and end, s.
     p0, v0 : array
-        Initial position, on the constraint, and velocity. A velocity off the hidden constraint is accepted, because
-        numerically consistent values are off it.
+        Initial position, which must satisfy the constraint, and velocity. The velocity need not satisfy the hidden
+        constraint, because numerically consistent values do not.
     method, step, order, rtol, atol, t_eval, dense_output, events, callback, consistency, first_step, max_step, \
     max_steps, backend
         As in :func:`simulate`.
@@ -155,7 +155,7 @@ def integrate(
     Raises
     ------
     InputError
-        Wrong sizes, NaN, or a position off the constraint, which at index 3 would spoil the multipliers by
+        Wrong sizes, NaN, or a position that violates the constraint, which at index 3 would cause a multiplier error of
         |Φ|/step².
     """
     without_backend(backend)

@@ -49,7 +49,7 @@ class Solution(ByName):
     success, status : bool, int
         Status 0: end reached; 1: stopped by an event, a callback or Ctrl-C, which is a success as in scipy; -1: failed.
     message : str
-        What happened, in words; begins with "interrupted" after Ctrl-C.
+        Description of the termination; begins with "interrupted" after Ctrl-C.
     nsteps, nfev, njev, nlu : int
         Accepted steps, residual evaluations, Newton matrices, factorisations.
     rejected : dict
@@ -62,22 +62,22 @@ class Solution(ByName):
     t_events, q_events, v_events : list of ndarray
         Times and states at which each event occurred.
     method : dict
-        How the run was made: order, step, consistency, tolerances, skipped work.
+        Method settings of the run: order, step, consistency, tolerances, skipped work.
     scene : str
         Name of the mechanism; empty for a general problem.
     recipe : dict or None
         How to repeat the run, as plain data, if :func:`pinconsist.record` or a command made it.
     held : dict of str to ndarray, shape (n, 1 + nv)
-        Torques that were held, by the label of their force, see :class:`~pinconsist.Sampled`: the time since which, and
-        τ. Where they jump there are two rows at one time (with ``t_eval``, the one after the jump).
+        Held torques, by the label of their force, see :class:`~pinconsist.Sampled`: the time since which they are held,
+        and τ. Where they jump there are two rows at one time (with ``t_eval``, only the one after the jump).
     contacts : ContactHistory or None
-        What the contacts did, see :attr:`modes`, :attr:`impacts` and :meth:`contact`.
+        History of the contacts, see :attr:`modes`, :attr:`impacts` and :meth:`contact`.
     versions : dict
-        Versions of the packages that made it, if it was read from a file.
+        Versions of the packages that computed it, if it was read from a file.
     system
         The system that was integrated (None if read from a file).
     certificate : Certificate or None
-        The verdict, once :meth:`check` has made it; pages and files show this one.
+        The verdict, once :meth:`check` has computed it; pages and files show the same.
     """
 
     t: np.ndarray
@@ -172,20 +172,20 @@ class Solution(ByName):
     def mechanism(self) -> Mechanism | None:
         """The mechanism that was simulated, with the forces of the run.
 
-        None for a general problem, and for a solution that was read from a file or copied.
+        None for a general problem, and for a solution read from a file or copied.
         """
         return None if self.system is None else self.system.mechanism
 
     def check(self, mechanism=None, error=None) -> Certificate:
         """The verdict on the run, and the figures behind it, evaluated in a separate system: see :class:`Certificate`.
 
-        It is made once: later calls, pages and files show the same. Its ``error`` is the global error, estimated by a
-        finer run if that takes less than 3 seconds, and the verdict says if not; with `error`
-        True however long it takes. Forces and events are called again for it. With `error` False only the residuals
-        of the rows are evaluated.
+        It is computed once: later calls, pages and files show the same. Its ``error`` is the global error, estimated by
+        a finer run if that takes less than 3 seconds (otherwise the verdict says so), or, if `error` is True, however
+        long it takes. Forces and events are called again for it. If `error` is False, only the residuals of the rows
+        are evaluated.
 
-        A solution read from a file has the verdict that was made before it was saved. If there is none, or to make it
-        anew, pass the `mechanism`, with the forces of the run, those given to ``simulate(forces=...)`` included
+        A solution read from a file has the verdict computed before it was saved. If there is none, or to compute it
+        anew, pass the `mechanism` with the forces of the run, including those passed to ``simulate(forces=...)``
         (:meth:`Mechanism.add_forces`). Raises InputError for a missing or different mechanism, one with a different
         number of forces than the run had, and a solution without rows.
         """
@@ -218,15 +218,16 @@ class Solution(ByName):
         return self.check(error=True).error
 
     def at(self, t, mechanism=None) -> Solution:
-        """The solution with rows at the times `t`, s, shape (n,), in the order of the run, inside it; or at one time.
+        """The solution with rows at the times `t`, s, shape (n,), in the order of the run and within it; or at one
+        time.
 
         ``sol.at(times).reaction("pin")`` is the reaction at these times, and so on. At the time of a row it is that
-        row, the later of two. Between rows, q and v have the accuracy of the run, whatever its method and its steps,
-        with or without ``dense_output``: the continuous solution is evaluated, or made once more from the rows. The
-        loops are closed to rounding, and multipliers are those of the equations of motion. ``h`` and ``order`` are
-        empty, and the verdict is that of the run.
+        row, or the later of two. Between rows, q and v have the accuracy of the run, whatever its method and its steps,
+        with or without ``dense_output``: the continuous solution is evaluated, or recomputed from the rows. The loops
+        are closed to rounding, and multipliers are those of the equations of motion. ``h`` and ``order`` are empty, and
+        the verdict is that of the run.
 
-        `mechanism` is as in :meth:`check`. Raises InputError as there, and for times in another order or outside of the
+        `mechanism` is as in :meth:`check`. Raises InputError as there, and for times in another order or outside the
         run.
         """
         general = mechanism is None and self.system is not None and self.mechanism is None
@@ -245,11 +246,12 @@ class Solution(ByName):
     def evaluate(self, quantity: str, mechanism=None) -> Any:
         """A `quantity` of the run by its name, such as ``"peak reaction boom_pin"`` or ``"position foot z at 2.5"``.
 
-        The names are those of the command line, of :func:`pinconsist.plot` and of :meth:`Sensitivities.of`. At the
-        front may stand ``min``, ``max``, ``peak`` (the value of largest size, with its sign), ``rms``, ``mean`` or
-        ``final``; at the end ``at`` and a time, s. States between the rows count, see :meth:`at`. Then the result is a
-        number; or an array, if ``final`` or ``at`` is of a quantity with several numbers. Of vectors, the statistics
-        are those of the length. With neither, the result is an array with a value for each row, shape (n,) or (n, k).
+        The names are those of the command line, of :func:`pinconsist.plot` and of :meth:`Sensitivities.of`. They may be
+        preceded by ``min``, ``max``, ``peak`` (the value of largest magnitude, with its sign), ``rms``, ``mean`` or
+        ``final``, or followed by ``at`` and a time, s. States between the rows are included, see :meth:`at`. The result
+        is then a number, or an array if ``final`` or ``at`` applies to a quantity with several components. Statistics
+        of vectors are those of the norm. Otherwise the result is an array with a value for each row, shape (n,) or (n,
+        k).
 
         ============================================  ==================================================================
         ``position``, ``velocity``, ``acceleration``  of a joint, or of a frame: ``"peak velocity foot"``
@@ -264,9 +266,10 @@ class Solution(ByName):
         ``error``                                     ``q``, ``v`` or ``force``: the global error of the run
         ============================================  ==================================================================
 
-        After the name may stand a component, ``x``, ``y`` or ``z`` in world axes, or a row of multipliers. A colon may
-        replace the first blank, ``"reaction:pin"``. A name alone is the position of a joint or frame, the multipliers
-        of a loop, or the force of an element. `mechanism` is as in :meth:`check`. Raises InputError for anything else.
+        The name may be followed by a component, ``x``, ``y`` or ``z`` in world axes, or a row of multipliers. A colon
+        may replace the first space, ``"reaction:pin"``. A name alone means the position of a joint or frame, the
+        multipliers of a loop, or the force of an element. `mechanism` is as in :meth:`check`. Raises InputError for
+        anything else.
         """
         asked = Quantity.of(quantity, self._mechanism(mechanism, "evaluate"))
         if asked.statistic or asked.what == "error":
@@ -274,7 +277,7 @@ class Solution(ByName):
         return asked.series(self, mechanism).values
 
     def series(self, quantity: str, mechanism=None) -> Series:
-        """A quantity at the rows with its unit and the names of its parts, as :func:`pinconsist.plot` draws it.
+        """A quantity at the rows with its unit and the names of its components, as plotted by :func:`pinconsist.plot`.
 
         `quantity` is as in :meth:`evaluate`, without a statistic, `mechanism` as in :meth:`check`. Raises InputError as
         there.
@@ -304,25 +307,26 @@ class Solution(ByName):
         """The reaction of a loop: force and moment on body 2, or a motor's torque; see :class:`Reaction`.
 
         `loop` names a loop, drive, coupling or constraint of the mechanism; there is a row for each row of the
-        solution. Of a joint of the tree this is :meth:`joint_force`. A solution read from a file needs the `mechanism`
-        that was simulated. `axes` of force and moment are "world", or "anchor": those of the loop's anchor 1.
+        solution. For a joint of the tree, this is :meth:`joint_force`. A solution read from a file needs the
+        `mechanism` that was simulated. `axes` of force and moment are "world", or "anchor": those of the loop's anchor
+        1.
 
-        Where loops are redundant, rigid bodies do not determine all reactions, and ``not_unique`` lists those of
-        smallest norm. A `compliance` determines them: loop or joint → m/N, or (m/N, rad/(N·m)); 0 is rigid, as is what
-        is not named; for drives, couplings and constraints one number, of their row. The energy Σ c |wrench|² / 2 is
-        then smallest, as between stiff springs.
+        Where loops are redundant, rigid-body dynamics does not determine all reactions; those of smallest norm are
+        returned, and ``not_unique`` lists them. A `compliance` determines them: loop or joint → m/N, or (m/N,
+        rad/(N·m)); 0 means rigid, as does omission; for drives, couplings and constraints it is one number, for their
+        row. The energy Σ c |wrench|² / 2 is then minimal, as between stiff springs.
 
         Raises InputError for an unknown loop, a missing or different mechanism, a general problem, other axes, and a
-        compliance of nothing that exists.
+        compliance of an unknown item.
         """
         return reaction(self._states(mechanism, "reaction", False), loop, axes, compliance)
 
     def contact_forces(self, mechanism=None, *, axes: str = "anchor") -> dict[str, np.ndarray]:
-        """The forces of all loops in the sign of Pinocchio's contact forces: on body 1, −λ of its loops.
+        """The forces of all loops with the sign of Pinocchio's contact forces: on body 1, −λ of its loops.
 
-        ``pin.constraintDynamics`` leaves such in ``contact_force`` of its constraint data. Loop → forces, N, shape
-        (n, 3), for points and distances; for other kinds forces and moments, N·m, shape (n, 6), about anchor 2, which
-        is at anchor 1 if the loop is closed there. `axes` are "anchor", those of anchor 1 (or ``pin.LOCAL``), or
+        ``pin.constraintDynamics`` stores such forces in ``contact_force`` of its constraint data. Loop → forces, N,
+        shape (n, 3), for points and distances; for other kinds forces and moments, N·m, shape (n, 6), about anchor 2,
+        which is at anchor 1 if the loop is closed there. `axes` are "anchor", those of anchor 1 (or ``pin.LOCAL``), or
         "world" (``pin.LOCAL_WORLD_ALIGNED``). `mechanism` is as in :meth:`reaction`; raises InputError as there.
         """
         scene, found = self._mechanism(mechanism, "contact_forces", False), {}
@@ -333,13 +337,14 @@ class Solution(ByName):
         return found
 
     def play(self, viewer, mechanism=None, *, speed: float = 1.0, fps: float = 50.0) -> None:
-        """Play the motion in a viewer of your own, in real time: :meth:`export_html` and :func:`replay` need none.
+        """Play the motion in your own viewer, in real time; :meth:`export_html` and :func:`replay` need none.
 
         Parameters
         ----------
         viewer : object
-            Anything with ``display(q)``, such as Pinocchio's ``MeshcatVisualizer``. If it has a ``model``, that may
-            store angles otherwise than the mechanism, in another order, or lack joints: joints are found by name.
+            Anything with ``display(q)``, such as Pinocchio's ``MeshcatVisualizer``. If it has a ``model``, this may
+            store angles in another way than the mechanism, or in another order, or lack joints: joints are found by
+            name.
         mechanism : Mechanism, optional
             As in :meth:`check`.
         speed : float
@@ -350,7 +355,7 @@ class Solution(ByName):
         Raises
         ------
         InputError
-            No such viewer, or one with joints that the mechanism does not have.
+            Not a viewer, or one with joints that the mechanism does not have.
         """
         from ..view.play import play
 
@@ -359,9 +364,9 @@ class Solution(ByName):
     def joint_force(
         self, joint: str, mechanism=None, *, axes: str = "world", compliance: Mapping | None = None
     ) -> JointForce:
-        """What a `joint` of the tree transmits: force and moment on its child there, see :class:`JointForce`.
+        """The force and moment that a `joint` of the tree transmits to its child, see :class:`JointForce`.
 
-        It follows from inverse dynamics at each row, with gravity, all forces and all loops. Links that are rigidly
+        They follow from inverse dynamics at each row, with gravity, all forces and all loops. Links that are rigidly
         attached in a file are one body, and have no joint force. `axes` are "world", or "joint": those of its frame on
         the child. `mechanism` is as in :meth:`check`, and `compliance` as in :meth:`reaction`. Raises InputError as
         there.
@@ -439,20 +444,20 @@ class Solution(ByName):
             )
 
     def plot(self, *pictures: str, file=None, mechanism=None) -> Figure:
-        """A figure (matplotlib) of the solution, with some pictures under each other.
+        """A matplotlib figure of the solution, with one or several plots below each other.
 
         Parameters
         ----------
         *pictures : str
-            Of ``"trajectory"``: q and v over time; ``"multipliers"``: λ of each row, its first twenty steps once
-            more, magnified; from exact initial values (``consistency="exact"``) the rows after the first are wrong by
-            O(1), whatever the step size (Arévalo 2008); ``"forces"``: the sizes of force, N, and moment, N·m, in each
-            loop and joint, with a star where they are not unique; ``"drift"``: the largest size of Φ and of J v + Φ_t
-            of each loop; ``"energy"``: energies and work, J, and the error of their balance; ``"steps"``: step size, s,
-            and order; ``"phase"``: velocity over configuration of the twelve widest joints of one degree of freedom.
-            Default: trajectory and multipliers.
+            Any of ``"trajectory"``: q and v over time; ``"multipliers"``: λ of each row, and the first twenty steps
+            again, magnified; from exact initial values (``consistency="exact"``) the rows after the first have an O(1)
+            error, whatever the step size (Arévalo 2008); ``"forces"``: the magnitudes of force, N, and moment, N·m, in
+            each loop and joint, with a star where they are not unique; ``"drift"``: the largest magnitude of Φ and of J
+            v + Φ_t of each loop; ``"energy"``: energies and work, J, and the error of their balance; ``"steps"``: step
+            size, s, and order; ``"phase"``: velocity over configuration of the twelve joints with one degree of freedom
+            that move most. Default: trajectory and multipliers.
         file : path, optional
-            File to which the figure is written, whole or not at all; an existing file is replaced. The ending chooses
+            File to which the figure is written, atomically; an existing file is replaced. The file extension determines
             the format, such as ``.png``, ``.pdf`` or ``.svg``. Default: the figure is only returned.
         mechanism : Mechanism, optional
             As in :meth:`check`; its joints and loop rows name the curves.
@@ -465,8 +470,8 @@ class Solution(ByName):
         Raises
         ------
         InputError
-            Sizes that do not fit, an unknown picture, one that this solution does not have (``"steps"`` of one with
-            ``t_eval``), or a file ending that matplotlib cannot write.
+            Inconsistent sizes, an unknown plot, one that this solution does not have (``"steps"`` with ``t_eval``), or
+            a file extension that matplotlib cannot write.
         MissingExtraError
             matplotlib is not installed.
         OSError
@@ -477,13 +482,13 @@ class Solution(ByName):
         return pictures_of(self, pictures or BOTH, file, mechanism)
 
     def render(self, file, mechanism=None, *, speed=1.0, traces=(), forces=False, at=()) -> Path:
-        """The path of a film of the motion, ``.mp4`` or ``.gif``, or of drawings of a planar mechanism, ``.svg``.
+        """Write a video, ``.mp4`` or ``.gif``, or drawings of a planar mechanism, ``.svg``, and return the path.
 
-        It is drawn in this process, as on a page but without perspective, and written to `file` whole or not at all.
-        `speed`, `traces` and `forces` are as in :func:`pinconsist.export_html`; `at` holds the times to draw in an
-        SVG, s, by default the start; `mechanism` is as in :meth:`reaction`. Raises InputError as export_html does, for
-        other endings, for times outside the run, and for drawings of mechanisms that are not planar;
-        MissingExtraError without the extra; OSError if the file cannot be written.
+        It is rendered in this process, as on a page but without perspective, and written to `file` atomically. `speed`,
+        `traces` and `forces` are as in :func:`pinconsist.export_html`; `at` holds the times to draw in an SVG, s, by
+        default the start; `mechanism` is as in :meth:`reaction`. Raises InputError as export_html does, for other file
+        extensions, for times outside the run, and for drawings of mechanisms that are not planar; MissingExtraError
+        without the extra; OSError if the file cannot be written.
         """
         from ..view.render import render
 
@@ -492,11 +497,11 @@ class Solution(ByName):
         )
 
     def summary(self) -> str:
-        """The message; steps, their sizes and orders; rejected ones by reason; what the run took; what was skipped."""
+        """The message; steps with their sizes and orders; rejected steps by reason; cost of the run; skipped work."""
         return summary_of(self)
 
     def export_html(self, file, mechanism=None, **options) -> Path:
-        """The path of the page of :func:`pinconsist.export_html`, written to a `file` with its `options`.
+        """Write the page of :func:`pinconsist.export_html` to a `file`, with its `options`, and return the path.
 
         `mechanism` is as in :meth:`reaction`.
         """
@@ -505,10 +510,10 @@ class Solution(ByName):
         return export_html(self._mechanism(mechanism, "export_html"), self, file, **options)
 
     def save(self, file) -> Path:
-        """The path of the npz `file` written, whole or not at all; ``.npz`` is added if missing.
+        """Write the solution to an npz `file`, atomically, and return its path; ``.npz`` is added if missing.
 
-        An existing file is replaced. The file has no pickles, ``system`` or ``sol``. It has the times and states of
-        events, and the verdict of :meth:`check` if that was made. It names the versions that made it; a run of
+        An existing file is replaced. The file contains no pickles, no ``system`` and no ``sol``. It contains the times
+        and states of events, the verdict of :meth:`check` if it was computed, and the package versions; a run of
         :func:`pinconsist.record` can be repeated and continued from it. Raises OSError if it cannot be written; an
         existing file is then unchanged.
         """
@@ -516,11 +521,11 @@ class Solution(ByName):
 
     @classmethod
     def load(cls, file) -> Solution:
-        """The solution that :meth:`save` wrote to this `file`, named with its ``.npz``.
+        """The solution written by :meth:`save` to this `file`, named with its ``.npz``.
 
-        It has no ``system`` and ``sol``: :meth:`energy` and :meth:`reaction` need the mechanism, and so does
-        :meth:`check` if the verdict was not made before the run was saved.
-        Raises FormatError, which names the file, if it is missing, truncated, damaged, foreign or of another format.
+        It has no ``system`` and no ``sol``: :meth:`energy` and :meth:`reaction` need the mechanism, and so does
+        :meth:`check` if the verdict was not computed before the run was saved. Raises FormatError, which names the
+        file, if it is missing, truncated, damaged, foreign or of another format.
         """
         fields, certificate = read(file)
         found = cls(**fields)

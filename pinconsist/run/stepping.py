@@ -1,4 +1,4 @@
-"""A run as an object, advanced interval by interval under given torques."""
+"""A simulation that is advanced interval by interval under prescribed torques."""
 
 from __future__ import annotations
 
@@ -61,10 +61,10 @@ class State(NamedTuple):
 
 
 class Simulation:
-    """A run as an object: each :meth:`step` advances it by a given time, under given torques.
+    """A simulation that is advanced step by step: each :meth:`step` covers a time interval, under prescribed torques.
 
-    For control loops, co-simulation and learning. All steps are kept until :meth:`reset`, see :meth:`solution`. For a
-    control law of (t, q, v) that is called at a fixed rate, :class:`Sampled` in :func:`simulate` does the same.
+    For control loops, co-simulation and learning. All steps are stored until :meth:`reset`, see :meth:`solution`. For a
+    control law of (t, q, v) that is called at a fixed rate, use :class:`Sampled` in :func:`simulate`.
 
     Parameters
     ----------
@@ -73,9 +73,9 @@ class Simulation:
     t0 : float
         The time at the start, s.
     method : {"Radau", "BDF", "ImplicitEuler"}
-        A step of Radau starts from (q, v) alone. BDF has to restart in each :meth:`step`, which is costly.
+        A step of Radau starts from (q, v) alone. BDF must restart in each :meth:`step`, which is costly.
     step, order, rtol, atol, forces, events, max_step, backend
-        As in :func:`simulate`; ``events`` that are terminal end the run.
+        As in :func:`simulate`; terminal ``events`` end the run.
 
     Raises
     ------
@@ -105,10 +105,10 @@ class Simulation:
 
     @_alone
     def reset(self, q0=None, v0=None, t0=0.0) -> State:
-        """The state at which a new run begins.
+        """Start a new run and return its initial state.
 
-        `q0` and `v0` are as in :func:`simulate`; `t0` is the time, s. Arrays on the constraints, such as the states of
-        runs, need no assembly: the state is then taken as it is, which costs less than a step.
+        `q0` and `v0` are as in :func:`simulate`; `t0` is the time, s. Arrays that satisfy the constraints, such as the
+        states of runs, need no assembly: the state is then used unchanged, which costs less than a step.
         """
         t0 = number(t0, "t0")
         if self._taken(q0, v0, t0):
@@ -193,11 +193,11 @@ class Simulation:
 
     @_alone
     def set_parameters(self, values: Mapping[str, float]) -> State:
-        """The state from which a new run of a changed mechanism begins, at the same time and with the same controls.
+        """Start a new run with a modified mechanism, at the same time, with the same controls, and return its state.
 
-        `values` are parameters by name, ``{"mass:rod": 0.4}``, as in :meth:`Mechanism.with_parameters`. Where lengths
-        have changed, the loops are closed from the state. Raises InputError for unknown names and values that are not
-        possible, AssemblyError if the loops cannot be closed.
+        `values` are parameters by name, ``{"mass:rod": 0.4}``, as in :meth:`Mechanism.with_parameters`. If lengths have
+        changed, the loops are closed from the current state. Raises InputError for unknown names and impossible values,
+        AssemblyError if the loops cannot be closed.
         """
         torque, commands = self._torque, self._commands
         if not self._changes_in_place(values):
@@ -254,7 +254,7 @@ class Simulation:
 
     @_alone
     def step(self, dt, control=None) -> State:
-        """Advance the run by a time.
+        """Advance the run by a time interval.
 
         Parameters
         ----------
@@ -262,19 +262,19 @@ class Simulation:
             Duration, s.
         control : mapping or array (nv,), optional
             Mapping: commands of actuators by name (others as before) and torques, joint → N·m or N (others zero).
-            Array: torques of all velocities. They are held over this time. Default: as before.
+            Array: torques of all velocities. They are held over the interval. Default: as before.
 
         Returns
         -------
         State
-            The state reached; before the end of `dt` if a terminal event ended the run.
+            The state reached, before the end of `dt` if a terminal event ended the run.
 
         Raises
         ------
         InputError
             Unknown joints, wrong sizes, numbers that are not finite; the run has ended.
         PinconsistError
-            The method fails; :attr:`state` is then the last one that was reached.
+            The method fails; :attr:`state` is then the last state reached.
         """
         if self._message:
             raise InputError(f"the run has ended: {self._message}. Start a new one with reset()")
@@ -323,15 +323,15 @@ class Simulation:
 
     @_alone
     def linearized(self, dt=None, *, inputs=None) -> StepLinearization:
-        """How the state after the last step depends on that before it and on the inputs: ``A, B = sim.linearized()``.
+        """Linearise the last step with respect to the state before it and the inputs: ``A, B = sim.linearized()``.
 
-        The steps of Radau IIA that were made are differentiated, with torques and commands as they were held. It
-        can be used for several states of controllers: :meth:`copy` and :meth:`reset` change nothing.
+        The accepted steps of Radau IIA are differentiated, with the torques and commands that were held. It can be used
+        for several states of controllers: :meth:`copy` and :meth:`reset` change nothing.
 
         Parameters
         ----------
         dt : float, optional
-            First make a step of this duration, s, with the controls held as before.
+            First take a step of this duration, s, with the controls held as before.
         inputs : sequence of str, optional
             Actuators and joints. Default: all actuators, and the motorised joints that have none; without both, all
             joints.
@@ -343,8 +343,8 @@ class Simulation:
         Raises
         ------
         InputError
-            There is no step yet; another method than Radau; an event or a jump of other forces in the step; sampled
-            laws, whose torques depend on states that they have seen; unknown names.
+            There is no step yet; a method other than Radau; an event or a jump of other forces in the step; sampled
+            laws, whose torques depend on earlier states; unknown names.
         """
         if dt is not None:
             type(self).step.__wrapped__(self, dt)

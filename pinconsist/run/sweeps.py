@@ -62,7 +62,7 @@ class Outcome:
 
     @property
     def success(self) -> bool:
-        """Whether there is a value. A simulation that failed has one too: its solution says so."""
+        """Whether there is a value. A failed simulation also has one: its solution reports the failure."""
         return not self.error
 
 
@@ -97,18 +97,17 @@ def sweep(
 ) -> list[Outcome]:
     """Call a function with each of many cases, and return their outcomes.
 
-    The numbers are the same, bit for bit, with every executor and without one, as long as the function takes all it
-    needs from its case. A case that needs random numbers carries its own seed, one of
+    The numbers are bit-for-bit identical with every executor and without one, as long as the function depends only on
+    its case. A case that needs random numbers carries its own seed, one of
     ``numpy.random.SeedSequence(seed).spawn(n)``: case i gets the same seed however many cases there are.
 
     Parameters
     ----------
     function : callable
-        ``function(case)``. For other processes it is a function at the top of a module, or a ``functools.partial`` of
-        one; data common to all cases, such as the mechanism, are best made once per process (see
-        docs/sweeps.md).
+        ``function(case)``. For other processes it must be a module-level function, or a ``functools.partial`` of one;
+        data common to all cases, such as the mechanism, are best created once per process (see docs/sweeps.md).
     cases : iterable
-        One argument each: plain data. The function gets a copy, so that no case can change another.
+        One argument for each call: plain data. The function receives a copy, so that no case can change another.
     executor : concurrent.futures.Executor, optional
         Any object with its ``submit``, such as a ProcessPoolExecutor, loky, dask's ``client.get_executor()`` or
         ``mpi4py.futures.MPIPoolExecutor``; it is left open. Default: a plain loop in this process.
@@ -118,8 +117,8 @@ def sweep(
     Returns
     -------
     list of Outcome
-        In the order of the cases, one each. A case that raises, or is lost with its worker, is an outcome with its
-        error. Ctrl-C, SIGTERM and SIGHUP end the sweep: the cases that were not reached are not ``finished``.
+        One for each case, in order. A case that raises, or is lost with its worker, is an outcome with its error.
+        Ctrl-C, SIGTERM and SIGHUP end the sweep: the cases that were not reached are not ``finished``.
 
     Raises
     ------

@@ -57,7 +57,7 @@ class Action:
 
 
 def of_joint(name: str) -> str:
-    """What a force in a joint of the tree is of, which is marked where a loop has that name."""
+    """The label of the force in a joint of the tree, distinct from that of a loop of the same name."""
     return f"joint {name}"
 
 

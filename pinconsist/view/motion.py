@@ -131,7 +131,7 @@ def without_forces(run: Run) -> str:
         only(run.source, slice(0, 1)).acceleration(None, run.mech)
     except InputError as error:
         return str(error)
-    except PinconsistError:  # a singular position
+    except PinconsistError:  # a singular configuration
         return ""
     return ""
 

@@ -27,49 +27,50 @@ def export_html(
     mech, sol, file, *, speed: float = 1.0, fps: float = FPS, traces=(), forces: bool = False, panel: bool = True,
     over: bool = False,
 ) -> Path:  # fmt: skip
-    """Write the motion as one page that plays in any browser, also offline.
+    """Write the motion as a single page that plays in any browser, even offline.
 
-    Beside the motion are the curves of forces, torques, energies, joints, steps, orders and joint forces, with their
-    peaks and a draggable cursor at the current time; forces that are not unique have a star. Above it is the verdict of
-    the run's certificate, :meth:`Solution.check`. The space bar plays and pauses, arrow keys step; pointing at a body
-    or loop shows its name and force. Bodies have the names of their links in the file.
+    Next to the motion are plots of forces, torques, energies, joints, steps, orders and joint forces, with their peaks
+    and a draggable cursor at the current time; forces that are not unique have a star. Above it is the verdict of the
+    run's certificate, :meth:`Solution.check`. The space bar plays and pauses, arrow keys step; pointing at a body or
+    loop shows its name and force. Bodies have the names of their links in the file.
 
-    Shapes come from the mechanism's robot file if their meshes are found, else from joints, inertias and loops. A
-    loop is shown as a clear shell (anchor 1) and a red core (anchor 2): it is closed where the core sits in the shell.
-    Springs of the mechanism between two points are coils.
+    Shapes come from the mechanism's robot file if their meshes are found, otherwise from joints, inertias and loops. A
+    loop is shown as a transparent shell (anchor 1) and a red core (anchor 2): it is closed if the core is in the shell.
+    Springs between two points are drawn as coils.
 
     Parameters
     ----------
     mech : Mechanism or sequence of Mechanism
-        The scene; one for all solutions, or one for each. Its forces are those of the run; for a solution that was read
-        from a file, add those that were given to :func:`simulate`.
+        The scene; one for all solutions, or one for each. Its forces are those of the run; for a solution read from a
+        file, add those passed to :func:`simulate`.
     sol : Solution, or sequence of solutions, or mapping of titles to solutions
-        What is played, its rows in order; several are shown side by side, at one scale and one speed. Required are
-        ``t``, shape (n,), s, monotone, and ``q``, shape (n, nq); for forces also ``lam``, shape (n, nc), and for
-        those of servos and joint torques ``v``, shape (n, nv).
+        The solution to play, row by row; several are shown side by side, at the same scale and speed. Required are
+        ``t``, shape (n,), s, monotone, and ``q``, shape (n, nq); for forces also ``lam``, shape (n, nc), and for those
+        of servos and joint torques ``v``, shape (n, nv).
     file : path
-        The file of the page; written whole or not at all.
+        The file of the page; written atomically.
     speed : float
-        Seconds of motion per second of playing: 0.1 is slow motion.
+        Seconds of motion per second of playback: 0.1 is slow motion.
     fps : float
-        Frames per second of playing, at least: there are so many that no point is farther from straight lines between
-        them than a thousandth of the size of the mechanism. Lowered (and logged) so that there are at most 3000.
+        Minimum number of frames per second of playback; increased so that no point is farther from straight lines
+        between frames than a thousandth of the size of the mechanism. Reduced (and logged) so that there are at most
+        3000.
     traces : sequence of str
         Frames of the model whose paths are drawn.
     forces : bool
-        Draw the force of every loop as an arrow at anchor 2, on body 2 (on body 1 where body 2 is the ground), and
-        its moment as an arrow that turns about its axis, see :meth:`Solution.reaction`. So are the torques of
-        drives, and of the mechanism's servos and joint torques together, on joints of one degree of freedom; for a
-        sliding joint they are forces. What the joints of the tree transmit, :meth:`Solution.joint_force`, is drawn too,
-        on their children; beside other forces only when a switch of the page is set. A scale bar shows the scale of
-        the arrows. The largest has the longest arrow; only outliers are shortened, drawn in orange and labelled with
-        their size. Loops whose forces are not determined (:attr:`Reaction.dependence`), and joints that share their
-        loads, are named, not drawn.
+        Draw the force of every loop as an arrow at anchor 2, on body 2 (on body 1 if body 2 is the ground), and its
+        moment as an arrow that curves around its axis, see :meth:`Solution.reaction`. The torques of drives, and the
+        total of the mechanism's servos and joint torques, on joints with one degree of freedom are drawn in the same
+        way; for a prismatic joint they are forces. The forces transmitted by the joints of the tree,
+        :meth:`Solution.joint_force`, are also drawn, on their children; if there are other forces, only when switched
+        on in the page. A scale bar shows the scale of the arrows. The largest force has the longest arrow; only
+        outliers are shortened, drawn in orange and labelled with their magnitude. Loops whose forces are not determined
+        (:attr:`Reaction.dependence`), and joints that share their loads, are named, not drawn.
     panel : bool
-        If False, the page has only the motion and its player.
+        If False, the page contains only the motion and its player.
     over : bool
-        Draw several solutions over each other instead of side by side: the first one as it is, the others in one clear
-        colour.
+        Overlay several solutions instead of showing them side by side: the first one as usual, the others in one
+        transparent colour.
 
     Returns
     -------
@@ -100,9 +101,9 @@ def replay(
 ) -> str:
     """Show the motion in the browser, in real time × `speed`.
 
-    The page of `export_html` is served on the loopback interface, on a port that is free, by a thread that ends with
-    the process. With `open_browser` the call returns when the browser has loaded the page (or after ten seconds);
-    the page then plays on without this process; otherwise it returns at once.
+    The page of `export_html` is served on the loopback interface, on a free port, by a thread that ends with the
+    process. With `open_browser` the call returns when the browser has loaded the page (or after ten seconds); the page
+    then plays on without this process; otherwise it returns at once.
 
     Parameters
     ----------

@@ -31,19 +31,19 @@ PICTURES = {
 
 
 def plot(runs, *quantities: str, file=None, mech=None) -> Figure:
-    """A figure of any quantities over time, of one run or of several, such as those of two designs.
+    """Plot any quantities over time, for one run or for several, such as those of two designs.
 
-    ``pc.plot({"short": a, "long": b}, "reaction:pin", "torque motor")``. Each unit has a panel of its own. A vector is
-    drawn by its length, unless a component is named; other quantities of several numbers have a curve for each.
+    ``pc.plot({"short": a, "long": b}, "reaction:pin", "torque motor")``. Each unit has its own panel. For a vector the
+    norm is plotted, unless a component is named; other quantities with several components have a curve for each.
 
     Parameters
     ----------
     runs : Solution, or mapping of str to Solution
         One run; or several by names, which the legend shows. They may differ in their mechanisms and times.
     *quantities : str
-        What is drawn, as for :meth:`Solution.evaluate`, without a statistic or a time.
+        The quantities to plot, as for :meth:`Solution.evaluate`, without a statistic or a time.
     file : path, optional
-        File to which the figure is written, whole or not at all; an existing file is replaced. The ending chooses the
+        File to which the figure is written, atomically; an existing file is replaced. The file extension determines the
         format, such as ``.png``, ``.pdf`` or ``.svg``. Default: the figure is only returned.
     mech : Mechanism or mapping of str to Mechanism, optional
         Mechanism of all runs, or of each by its name. Needed for runs that were read from files.
@@ -55,7 +55,7 @@ def plot(runs, *quantities: str, file=None, mech=None) -> Figure:
     Raises
     ------
     InputError
-        No run, no quantity, one that a run does not have, or a file ending that matplotlib cannot write.
+        No run, no quantity, one that a run does not have, or a file extension that matplotlib cannot write.
     MissingExtraError
         matplotlib is not installed.
     OSError

@@ -49,14 +49,14 @@ def require_file(file, at=()) -> str:
     """The ending of `file`; InputError if it cannot be written, MissingExtraError if a package is missing."""
     ending = as_path(file).suffix.lower()
     if ending not in (*FILMS, ".svg"):
-        raise InputError(f"{file}: a film ends in .mp4 or .gif, a drawing in .svg")
+        raise InputError(f"{file}: a video ends in .mp4 or .gif, a drawing in .svg")
     if len(at) and ending != ".svg":
-        raise InputError(f"at= selects the times of a drawing (.svg); {file} is a film, which shows all times")
+        raise InputError(f"at= selects the times of a drawing (.svg); {file} is a video, which shows all times")
     needed = {".mp4": {"PIL": "Pillow", "imageio_ffmpeg": "imageio-ffmpeg"}, ".gif": {"PIL": "Pillow"}, ".svg": {}}
     for module, package in needed[ending].items():
         if find_spec(module) is None:
             how = "install it with: pip install 'pinconsist[render]'"
-            raise MissingExtraError(f"films in {ending} need {package}; {how}")
+            raise MissingExtraError(f"videos in {ending} need {package}; {how}")
     return ending
 
 

@@ -162,7 +162,7 @@ def add_armature(joints, model) -> None:
             if model.nvs[i] == 1:
                 model.armature[model.idx_vs[i]] += joint.armature
                 continue
-        warn(f"joint {joint.name!r}: its rotor inertia has no effect, as it closes a loop or has not one axis")
+        warn(f"joint {joint.name!r}: its rotor inertia has no effect: it closes a loop or does not have one axis")
 
 
 def _pitch(node: SdfNode) -> float:

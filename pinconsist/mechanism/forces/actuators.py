@@ -98,10 +98,10 @@ class BoundActuator(BoundForce):
 class Actuator(ForceRecord):
     """An actuator of a joint: τ = gear · f, f = gain·(1, l, l̇) u + bias·(1, l, l̇), l = gear · θ.
 
-    u is the command and l the actuator's length. An actuator of several joints, such as a tendon, has l = gear · Σ
+    u is the command and l the actuator's length. An actuator on several joints, such as a tendon, has l = gear · Σ
     share · θ, and exerts gear · share · f on each joint. Command and force are clipped at their limits. A motor has
-    gain (1, 0, 0) and no bias, a position actuator (k, 0, 0) and (0, -k, -d), a velocity actuator (d, 0, 0) and
-    (0, 0, -d).
+    gain (1, 0, 0) and no bias, a position actuator (k, 0, 0) and (0, -k, -d), a velocity actuator (d, 0, 0) and (0, 0,
+    -d).
 
     Parameters
     ----------

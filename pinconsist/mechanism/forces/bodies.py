@@ -198,9 +198,9 @@ class _BetweenFrames(ForceRecord):
 class SpringDamper(_BetweenFrames):
     """A spring and damper along the line between two points.
 
-    The tension, positive for a pull, is T = k (l - l₀) + d dl/dt, with l the distance between the points. If the points
-    coincide, the direction is undefined: within 1e-9 m the force goes to zero continuously. (With l₀ = 0 and no damper
-    the law itself is continuous there.)
+    The tension is T = k (l - l₀) + d dl/dt, with l the distance between the points. If the points coincide, the
+    direction is undefined: within 1e-9 m the force goes to zero continuously. (With l₀ = 0 and no damper the law itself
+    is continuous there.)
 
     Parameters
     ----------
@@ -308,12 +308,12 @@ class _BoundBushing(BoundForce):
 
 @dataclass(frozen=True)
 class Bushing(_BetweenFrames):
-    """A spring and damper of six directions between two frames.
+    """A spring and damper in six directions between two frames.
 
-    Its coordinates are those of anchor 2 seen from anchor 1: the position, with components in the axes halfway between
-    both (half of the rotation from one to the other), and roll, pitch and yaw. Each has a force or moment
-    -(stiffness · coordinate + damping · rate), so that the work is ½ Σ stiffness · coordinate². At a pitch of 90° the
-    angles are singular: a bushing is for motions far from it. Source: Drake's LinearBushingRollPitchYaw.
+    Its coordinates are those of anchor 2 relative to anchor 1: the position, with components in the axes halfway
+    between both (half of the rotation from one to the other), and roll, pitch and yaw. Each has a force or moment
+    -(stiffness · coordinate + damping · rate), so that the work is ½ Σ stiffness · coordinate². The angles are singular
+    at a pitch of 90°: use a bushing only far from it. Source: Drake's LinearBushingRollPitchYaw.
 
     Parameters
     ----------
@@ -425,9 +425,9 @@ class Wrench(ForceRecord):
     moment : tuple of 3 float, or callable
         N·m; or a function of time that returns three numbers.
     axes : {"world", "local"}
-        The axes of both vectors: the world's, or the frame's, with which they then rotate.
+        The axes of both vectors: those of the world, or those of the frame, with which they then rotate.
     xyz : tuple of 3 float
-        The point where the force acts, in the frame, m.
+        The point of application, in the frame, m.
 
     Raises
     ------

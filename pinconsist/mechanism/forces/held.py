@@ -208,7 +208,7 @@ class HeldTorque(HeldRecord):
     Parameters
     ----------
     times : array, shape (n,)
-        Times from which the torques act, s; in the direction of the run. There is no torque before the first one.
+        Times from which the torques act, s, in the direction of the run. There is no torque before the first time.
     torques : array, shape (n, m) or (n,)
         One torque for each of the m velocities of the joints, N·m (or N).
     joints : sequence of str, optional
@@ -328,7 +328,7 @@ class BoundSampled(BoundHeld):
 
 @dataclass(frozen=True, eq=False)
 class Sampled(HeldRecord):
-    """A digital controller: a law that is called once per period, with its torques held until the next call.
+    """A digital controller: a control law called once per period, with its torques held until the next call.
 
     Steps end at the samples, the first of which is at the start of the run. The torques are kept as ``solution.held``;
     ``check``, ``energy`` and the error estimate use them, and do not call the law again.
@@ -339,8 +339,8 @@ class Sampled(HeldRecord):
         Time between samples, s.
     law : callable
         ``law(t, q, v) -> torques``, one for each velocity of the joints, N·m (or N); called with read-only arrays, once
-        per sample, in the order of the run. If it has a state of its own, use a new law for each run. Derivatives of
-        runs need ``law.derivative(t, q, v) -> (∂u/∂q, ∂u/∂v)``, each (m, nv) or None, if the law uses q or v.
+        per sample, in the order of the run. If it has internal state, use a new law for each run. Derivatives of runs
+        need ``law.derivative(t, q, v) -> (∂u/∂q, ∂u/∂v)``, each (m, nv) or None, if the law uses q or v.
     joints : str or sequence of str, optional
         Joints that the torques act on. Default: all.
     delay : float

@@ -308,15 +308,15 @@ class JointSpring(ForceRecord):
     Parameters
     ----------
     joint : str or mapping
-        A joint of one degree of freedom, a ball or a free joint; or joint → its share in a length Σ share·q, on which
-        the spring acts, as that of a tendon. If a joint stores (cos, sin), as Pinocchio's unbounded revolute joints do,
-        full turns are not counted: the deflection is then the shorter way round, within half a turn. For a ball τ is
-        -k times the rotation vector from the rest position.
+        A joint with one degree of freedom, a ball or a free joint; or joint → its share in a length Σ share·q on which
+        the spring acts, as for a tendon. If a joint stores (cos, sin), as Pinocchio's unbounded revolute joints do,
+        full turns are not counted: the deflection is then the shorter way round, within half a turn. For a ball τ is -k
+        times the rotation vector from the rest position.
     stiffness : float
         k, N·m/rad (or N/m).
     rest : float or tuple of float
-        Position of the unloaded spring, rad (or m); two positions, between which it is slack; or the numbers of a ball
-        or free joint in q, a quaternion x, y, z, w last.
+        Position of the unloaded spring, rad (or m); two positions, between which it is slack; or the coordinates of a
+        ball or free joint in q, a quaternion x, y, z, w last.
     damping : float
         d ≥ 0, N·m·s/rad (or N·s/m).
 
