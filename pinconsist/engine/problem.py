@@ -196,13 +196,13 @@ class Index3System(ABC):
         """The name of component `i` of v, counted from 0, in messages."""
         return f"v[{i}]"
 
-    def look_ahead(self, t, t_end, p, v, every) -> None:
+    def look_ahead(self, t, t_end, p, v, every) -> None:  # noqa: B027  # by default nothing is known ahead
         """Find the times between `t` and `t_end` at which a run that starts at (`p`, `v`) has to end steps.
 
         If not `every`, only those at which functions that are known otherwise jump or bend.
         """
 
-    def start(self, t, p, v, backwards) -> None:
+    def start(self, t, p, v, backwards) -> None:  # noqa: B027
         """Set the forces that jump at known times to their values at the start (`t`, `p`, `v`) of a run.
 
         `backwards` says that the run goes back in time.
