@@ -326,10 +326,9 @@ def test_a_universal_is_that_of_the_tree(usd):
     q = loop.guess.copy()
     turn = pin.Quaternion(pose.rotation).coeffs()
     q[loop.model.idx_qs[loop.model.getJointId("f_rot")] :][:4] = turn
-    data = loop.model.createData()
     from pinconsist.mechanism.rows import LoopRows
 
-    gaps, _ = LoopRows(loop.model, loop.loops).at(data, q)
+    gaps, _ = LoopRows(loop.model, loop.loops).at(q)
     assert np.abs(gaps).max() < 1e-12
 
 

@@ -22,5 +22,5 @@ def peers() -> list:
         *(Ida(form) for form in ("GGL", "index 1")),
         CasadiIdas(),
         *(ExudynAlpha(index) for index in (3, 2)),
-        Mujoco(),
+        *(Mujoco(integrator) for integrator in ("implicitfast", "RK4")),
     ]

@@ -12,16 +12,19 @@ from .problem import Peer, Rows, SolverFailed, loop_ends
 
 
 class Mujoco(Peer):
-    """Fixed steps of `implicitfast`, the integrator its documentation recommends; constraints are soft by design.
+    """Fixed steps of an integrator, by default `implicitfast`, which its documentation recommends, or RK4.
 
-    ``solref`` has the smallest time constant allowed, two steps; ``solimp`` 0.9999.
+    Constraints are soft by design: ``solref`` has the smallest time constant allowed, two steps; ``solimp`` 0.9999.
     """
 
     package = module = "mujoco"
-    name = "MuJoCo implicitfast, soft loops"
     fixed_step = True
     loops = ("point", "hinge")  # connect is 3 rows, weld 6
     forces = (JointSpring, JointTorque, SpringDamper)
+
+    def __init__(self, integrator="implicitfast"):
+        self.integrator = integrator
+        self.name = f"MuJoCo {integrator}, soft loops"
 
     def can(self, problem):
         if reason := super().can(problem):
@@ -29,7 +32,7 @@ class Mujoco(Peer):
         import mujoco
 
         try:
-            mujoco.MjModel.from_xml_string(mjcf(problem, 1e-3))
+            mujoco.MjModel.from_xml_string(mjcf(problem, 1e-3, self.integrator))
         except ValueError as error:
             return f"MuJoCo refuses the model: {str(error).splitlines()[0]}"
         return None
@@ -39,7 +42,7 @@ class Mujoco(Peer):
 
         mujoco.set_mju_user_warning(lambda message: None)  # else it leaves a MUJOCO_LOG.TXT where it runs
         h = float(problem.span[1] - problem.span[0]) / steps
-        model = mujoco.MjModel.from_xml_string(mjcf(problem, h))
+        model = mujoco.MjModel.from_xml_string(mjcf(problem, h, self.integrator))
         data = mujoco.MjData(model)
         n = model.nv
         torques = [force for force in problem.mechanism.forces if isinstance(force, JointTorque)]
@@ -48,27 +51,31 @@ class Mujoco(Peer):
             data.qpos[:], data.qvel[:] = problem.q0, problem.v0
             for force in torques:
                 data.qfrc_applied[:] = force.bind(problem.mechanism.model).torque(0.0, None, None)
-            rows = np.empty((steps + 1, 1 + 3 * n))
+            rows = np.empty((steps + 1, 1 + 2 * n))
             for i in range(steps + 1):
-                mujoco.mj_forward(model, data) if i == steps else mujoco.mj_step1(model, data)
                 rows[i, 0] = problem.span[0] + i * h
-                rows[i, 1 : 1 + n], rows[i, 1 + n : 1 + 2 * n] = data.qpos, data.qvel
+                rows[i, 1 : 1 + n], rows[i, 1 + n :] = data.qpos, data.qvel
                 if i < steps:
-                    mujoco.mj_step2(model, data)
-                rows[i, 1 + 2 * n :] = data.qfrc_constraint
+                    mujoco.mj_step(model, data)
             return rows
+
+        def forces(q, v):
+            data.qpos[:], data.qvel[:] = q, v
+            mujoco.mj_forward(model, data)
+            return data.qfrc_constraint.copy()
 
         def read(rows, thin):
             if not np.isfinite(rows).all() or data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number:
                 raise SolverFailed("the simulation became unstable")
             rows = rows[thin(len(rows))]
-            t, q, v, forces = np.split(rows, (1, 1 + n, 1 + 2 * n), axis=1)
-            return Rows(t[:, 0], q, v, problem.multipliers_of_forces(q, forces))
+            t, q, v = np.split(rows, (1, 1 + n), axis=1)
+            pulls = np.array([forces(*state) for state in zip(q, v, strict=True)])
+            return Rows(t[:, 0], q, v, problem.multipliers_of_forces(q, pulls))
 
         return solve, read
 
 
-def mjcf(problem, h) -> str:
+def mjcf(problem, h, integrator="implicitfast") -> str:
     """The MJCF text of a mechanism of hinges and sliders with point loops."""
     mechanism, system = problem.mechanism, problem.system
     model = mechanism.model
@@ -113,7 +120,7 @@ def mjcf(problem, h) -> str:
     trees = "".join(body(child) for child in range(1, model.njoints) if model.parents[child] == 0)
     return (
         f'<mujoco><compiler angle="radian" balanceinertia="false"/>'
-        f'<option timestep="{h!r}" gravity="{_text(model.gravity.linear)}" integrator="implicitfast"/>'
+        f'<option timestep="{h!r}" gravity="{_text(model.gravity.linear)}" integrator="{integrator}"/>'
         f'<default><equality solref="{2 * h!r} 1" solimp="0.9999 0.9999 0.001 0.5 2"/></default>'
         f"<worldbody>{''.join(sites[0])}{trees}</worldbody>"
         f"<equality>{''.join(equalities)}</equality><tendon>{''.join(tendons)}</tendon></mujoco>"

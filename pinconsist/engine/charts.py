@@ -1,9 +1,9 @@
 """Positions on a manifold: coordinates ξ of p = base ⊕ ξ, and how far a chart may reach."""
 
+from functools import cache
 from math import pi
 
 import numpy as np
-from scipy.special import zeta
 
 from . import constant
 from .norms import EPS, largest
@@ -24,7 +24,7 @@ def chart_matrix(system, xi, columns=slice(None)):
     unit = np.eye(ad.shape[-1])
     with np.errstate(over="ignore", invalid="ignore"):  # beyond a full turn it diverges, and T is not finite
         T, power, square = unit + 0.5 * ad, unit, ad @ ad
-        for weight in BERNOULLI:
+        for weight in bernoulli():
             power = power @ square
             T = T + weight * power
             if largest(weight * power) <= EPS:
@@ -36,7 +36,7 @@ def chart_rate_gradient(system, xi, rate):
     """∂(T rate)/∂ξ at `xi`, shape (nx, nx), for a constant tangent velocity `rate`: the series of T, term by term."""
     ad, power, change = system.bracket(xi), rate, np.zeros((system.nx, system.nx))  # adᵏ rate, and its derivative
     total = -0.5 * system.bracket(rate)
-    for weight in BERNOULLI:
+    for weight in bernoulli():
         for _ in range(2):
             power, change = ad @ power, ad @ change - system.bracket(power)
         total = total + weight * change
@@ -45,8 +45,12 @@ def chart_rate_gradient(system, xi, rate):
     return total
 
 
-BERNOULLI = [float(-2.0 * (-1.0) ** n * zeta(2 * n) / (2.0 * pi) ** (2 * n)) for n in range(1, 40)]
-"""B₂ₙ/(2n)!, the coefficients of x/2 coth(x/2)."""
+@cache
+def bernoulli() -> list[float]:
+    """B₂ₙ/(2n)!, the coefficients of x/2 coth(x/2)."""
+    from scipy.special import zeta
+
+    return [float(-2.0 * (-1.0) ** n * zeta(2 * n) / (2.0 * pi) ** (2 * n)) for n in range(1, 40)]
 
 
 def turning_coordinates(system, p):

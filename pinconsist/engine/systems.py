@@ -9,22 +9,22 @@ def compiled_system(system):
     module = required()
     if system.mechanism is None:
         return module.CallbackSystem(system)
-    compiled = blank_system(system.model, system.data)
+    compiled = blank_system(system.model, system.workspace)
     system.hand_over(compiled)
     return compiled
 
 
 def with_all_rows(system):
     """A compiled system of a mechanism with all rows of its loops, dependent ones included, without forces."""
-    compiled = blank_system(system.model, system.data)
+    compiled = blank_system(system.model, system.workspace)
     system.all_rows().hand_over(compiled)
     return compiled
 
 
-def blank_system(model, data=None):
+def blank_system(model, owner=None):
     """A compiled system of a model without rows and forces.
 
-    Systems with the same `data` of Pinocchio share a workspace; without, it has one of its own.
+    Systems with the same `owner`, any object, share a workspace; without, it has one of its own.
     """
     module = required()
-    return module.MechanismSystem(workspace(module, model, data))
+    return module.MechanismSystem(workspace(module, model, owner))

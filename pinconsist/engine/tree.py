@@ -24,11 +24,11 @@ _trees: dict = {}  # by identity: Pinocchio compares all numbers, and data with 
 _workspaces: dict = {}
 
 
-def workspace(module, model, data=None):
-    """The compiled workspace that belongs to Pinocchio's `data`, a new one without; trees are built once per model."""
-    if data is None:
+def workspace(module, model, owner=None):
+    """The compiled workspace of an `owner`, any object; a new one without. Trees are built once per model."""
+    if owner is None:
         return module.Workspace(_kept(_trees, model, lambda: tree(module, model)))
-    return _kept(_workspaces, data, lambda: workspace(module, model))
+    return _kept(_workspaces, owner, lambda: workspace(module, model))
 
 
 def _kept(kept: dict, key, build):

@@ -219,7 +219,7 @@ def _in_file(model, name):
 def _consistent(mechanism, q, v, free=None):
     """The velocity nearest to `v` that the loops allow; the components in the mask `free` may take any value."""
     rows = LoopRows(mechanism.model, mechanism.loops)
-    J = rows.at(mechanism.model.createData(), q)[1]
+    J = rows.at(q)[1]
     if free is not None and free.any() and len(J):
         v[free] = -np.linalg.lstsq(J[:, free], J @ np.where(free, 0.0, v), rcond=1e-9)[0]
     return v - np.linalg.pinv(J, rcond=1e-9) @ (J @ v) if len(J) else v
@@ -232,7 +232,7 @@ def _acceleration(mechanism, q, v) -> np.ndarray:
     M = np.triu(M) + np.triu(M, 1).T
     force = MechanismSystem(mechanism, q).torque(0.0, q, v) - pin.nle(model, data, q, v)
     rows = LoopRows(model, mechanism.loops)
-    J = rows.at(model.createData(), q)[1]
+    J = rows.at(q)[1]
     if not len(J):
         return np.linalg.lstsq(M, force, rcond=None)[0]
     work = model.createData()

@@ -125,7 +125,7 @@ class Measure:
 
     def _multipliers(self, t, q, load) -> np.ndarray:
         """λ of smallest norm. In open loops, redundant rows have small directions along which λ means nothing."""
-        phi, J = self.rows.at(self.data, q, t)
+        phi, J = self.rows.at(q, t)
         return np.linalg.lstsq(J.T, load, rcond=max(RANK, RANK_OF_GAP * float(np.abs(phi).max())))[0]
 
     def at_states(self, t, q, v):
@@ -140,7 +140,7 @@ class Measure:
                 index1 = self._equations.at(at, state[0])
                 closed[i], moving = index1.projected(at, *state)
                 lam = index1.system.full_multipliers(closed[i], index1.acceleration(at, closed[i], moving)[1])
-                loads[i] = self.rows.at(self.data, closed[i], at)[1].T @ lam
+                loads[i] = self.rows.at(closed[i], at)[1].T @ lam
             except PinconsistError:
                 continue
         return loads, closed
@@ -154,7 +154,7 @@ class Measure:
 
     def gaps(self, t, q) -> tuple[float, float]:
         """Largest gap of a loop, m, and largest tilt, rad."""
-        phi = np.abs([self.rows.at(self.data, state, at)[0] for at, state in zip(t, q, strict=True)])
+        phi = np.abs([self.rows.at(state, at)[0] for at, state in zip(t, q, strict=True)])
         found = [0.0, 0.0]
         for loop in self.mechanism.anchored_loops:
             part = self.rows.slices[loop.name]

@@ -127,7 +127,7 @@ def _multipliers(mech, rows):
 
     if rows.loads is None:
         return np.zeros((len(rows.t), mech.nc))
-    loops, data = LoopRows.of(mech), mech.model.createData()
-    jacobians = (loops.at(data, q, t)[1] for t, q in zip(rows.t, rows.q, strict=True))
+    loops = LoopRows.of(mech)
+    jacobians = (loops.at(q, t)[1] for t, q in zip(rows.t, rows.q, strict=True))
     pairs = zip(jacobians, rows.loads, strict=True)
     return np.array([np.linalg.lstsq(J.T, load, rcond=1e-10)[0] for J, load in pairs])

@@ -1,12 +1,11 @@
 """Closed configurations: close the loops from a guess, project velocities onto the constraints, report the result."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import tau
 
 import numpy as np
-import pinocchio as pin
 
 from ..errors import AssemblyError, InputError, warn
 from .checks import coordinates, number, require_mechanism
@@ -16,6 +15,7 @@ from .joint_constraints import Drive
 from .lie import difference, integrate
 from .names import filled, is_revolute, velocity_units
 from .rank import dependencies, weak_text
+from .rows import positions
 
 KEPT = 1e-9  # rad or m: a joint farther than this from its value has not kept it
 MOST_SHOWN = 6  # joints in one warning
@@ -116,7 +116,44 @@ def assemble(mechanism, q0=None, v0=None, *, fixed=None, t: float = 0.0, toleran
 
 
 def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY_CLOSED, advises=True) -> Assembly:
-    """:func:`assemble` with a solver that the caller goes on using; `advises` searches for advice, which takes long."""
+    """:func:`assemble` with a solver that the caller goes on using; `advises` searches for advice, which takes long.
+
+    Many runs start from the same state: the last start of a mechanism, if nothing was to be warned about, is known.
+    """
+    start = None
+    if fixed is None and tolerance is NEARLY_CLOSED and advises and solver.loop_rows.pure:
+        start = _start(solver, q, v)
+    if start is None:
+        return _assembled(solver, q, v, fixed, tolerance, advises)
+    known = solver.loop_rows.assemblies
+    found = known.get(start)
+    if found is None:
+        found = _assembled(solver, q, v, fixed, tolerance, advises)
+        known.clear()
+        if not solver.warned:
+            known[start] = found
+    return replace(found, q=found.q.copy(), v=found.v.copy())
+
+
+def _start(solver, q, v):
+    """What an assembly begins with, as the key of a dictionary; None if it cannot be one."""
+    guess = solver.mechanism.guess.tobytes() if q is None or isinstance(q, dict) else None
+    keys = _key(q), _key(v)
+    return None if None in keys else (solver.t, guess, *keys)
+
+
+def _key(values):
+    """A position or velocity as the key of a dictionary; None if it cannot be one."""
+    if values is None:
+        return ()
+    if type(values) is np.ndarray:
+        return values.shape, values.dtype.str, values.tobytes()
+    if type(values) is dict and all(type(value) is float for value in values.values()):
+        return tuple(values.items())
+    return None
+
+
+def _assembled(solver, q, v, fixed, tolerance, advises) -> Assembly:
     mechanism = solver.mechanism
     if not (fixed is None or isinstance(fixed, Mapping)):
         raise InputError(f"fixed= needs a mapping joint name → value, got {fixed!r}")
@@ -127,7 +164,7 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY_C
     held = {**named, **fixed}
     base = mechanism.guess.copy() if q is None or isinstance(q, Mapping) else mechanism.configuration(q)
     guess = mechanism.configuration(held, base=base) if held else base
-    _warn_of_degrees(mechanism, held)
+    _warn_of_degrees(solver, held)
     best, iterations = _closest(solver, base, guess, held, fixed, tolerance)
     solver.loop_rows.check_derivatives(solver.t, best)
     gaps = solver.gaps(best)
@@ -135,7 +172,7 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY_C
     if open_loops:
         raise _not_closed(solver, guess, best, open_loops, fixed)
     if tolerance <= NEARLY_CLOSED:
-        _warn_of_gaps(mechanism, gaps)
+        _warn_of_gaps(solver, gaps)
     _warn_of_moved_joints(solver, named, guess, best)
     if advises:
         _advise(solver, guess, best)
@@ -152,6 +189,12 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY_C
         iterations=iterations,
         _rows=(J, kept, solver.loop_rows.labels),
     )
+
+
+def _warn(solver, message) -> None:
+    """Warn, and note that this assembly must be made again another time, to warn again."""
+    solver.warned = True
+    warn(message)
 
 
 def _closest(solver, base, guess, held, fixed, tolerance):
@@ -171,14 +214,16 @@ def _closest(solver, base, guess, held, fixed, tolerance):
     return best, iterations
 
 
-def _warn_of_gaps(mechanism, gaps) -> None:
+def _warn_of_gaps(solver, gaps) -> None:
     """Warn of loops that close, but not to rounding."""
+    mechanism = solver.mechanism
     worst = max(gaps, key=gaps.__getitem__, default="")
     if gaps and gaps[worst] > CLOSED_GAP:
-        warn(
+        _warn(
+            solver,
             f"{mechanism.name}: the loops contradict each other slightly: {worst!r} closes only to "
             f"{gaps[worst]:.1e} m or rad. Most likely the numbers in the file are rounded: load(…, precision=1e-6) or "
-            "mechanism.corrected(1e-6) makes them consistent"
+            "mechanism.corrected(1e-6) makes them consistent",
         )
 
 
@@ -192,7 +237,7 @@ def _warn_of_moved_joints(solver, named, guess, best) -> None:
     asked = ", ".join(f"{joint} = {_text(coordinates(mechanism.model, joint, guess))}" for joint in shown)
     at = ", ".join(f"{joint} = {_text(coordinates(mechanism.model, joint, best))}" for joint in shown)
     loops = "loops and drives" if solver.loop_rows.moving else "loops"
-    warn(f"{mechanism.name}: the {loops} do not close with {asked}; they do at {at}")
+    _warn(solver, f"{mechanism.name}: the {loops} do not close with {asked}; they do at {at}")
 
 
 def _advise(solver, guess, best) -> None:
@@ -206,25 +251,27 @@ def _advise(solver, guess, best) -> None:
     advice = hint(mechanism) if weak or immobile else ""
     if advice:
         why = f"rank {rank} and mobility {mobility} depend on rounding: {weak_text(weak)}" if weak else ""
-        warn(f"{mechanism.name}: {why or 'nothing can move'}. Most likely {advice}")
+        _warn(solver, f"{mechanism.name}: {why or 'nothing can move'}. Most likely {advice}")
     far = _far_off(solver, guess, best)
     if far:
-        warn(f"{mechanism.name}: the loops close only {far}. Check lengths, units and the directions of axes")
+        _warn(solver, f"{mechanism.name}: the loops close only {far}. Check lengths, units and the directions of axes")
     long = _long_levers(solver, guess)
     if long:
-        warn(f"{mechanism.name}: {long}")
+        _warn(solver, f"{mechanism.name}: {long}")
 
 
-def _warn_of_degrees(mechanism, named) -> None:
+def _warn_of_degrees(solver, named) -> None:
     """Warn of whole numbers of more than a turn, which are hardly radians."""
+    mechanism = solver.mechanism
     for joint, value in named.items():
         if np.size(value) != 1 or not is_revolute(mechanism.model.joints[mechanism.joint_index(joint)]):
             continue
         angle = float(np.ravel(value)[0])
         if TURN < abs(angle) <= 360.0 and angle.is_integer():
-            warn(
+            _warn(
+                solver,
                 f"{mechanism.name}: {joint} = {angle:g} is read in rad, {angle / tau:.1f} turns. For {angle:g} degrees "
-                f"write numpy.radians({angle:g}), on the command line --at {joint}={angle:g}deg"
+                f"write numpy.radians({angle:g}), on the command line --at {joint}={angle:g}deg",
             )
 
 
@@ -262,7 +309,7 @@ def velocity_on_constraints(solver: LoopSolver, q, v=None, kept=None, before=Non
     With a velocity `before`, joints that are not named in `v` keep theirs as far as possible, in the mass metric: the
     change is that of impulses at the named joints and in the loops.
     """
-    mechanism, model, t, moving = solver.mechanism, solver.model, solver.t, solver.loop_rows.moving
+    mechanism, t, moving = solver.mechanism, solver.t, solver.loop_rows.moving
     start = mechanism.velocity({} if v is None else v)
     if before is not None:
         start = filled(mechanism, v, before.copy(), velocity=True)
@@ -275,7 +322,7 @@ def velocity_on_constraints(solver: LoopSolver, q, v=None, kept=None, before=Non
     target = np.concatenate((-solver.loop_rows.time_rate(t, q)[kept], start[held]))
     if not (start.any() or target.any()):
         return start
-    M = pin.crba(model, solver.data, q)
+    M = solver.mass_matrix(q)
     U, sizes, Vt = np.linalg.svd(E)
     rank = int((sizes > 1e-12 * sizes.max(initial=0.0)).sum())
     result, Z = Vt[:rank].T @ ((U.T @ target)[:rank] / sizes[:rank]), Vt[rank:].T
@@ -329,7 +376,14 @@ def _far_off(solver, guess, q) -> str:
 
 
 def _long_levers(solver, guess) -> str:
-    """Which anchors are far from the bodies that carry them, in words, or an empty string."""
+    """Which anchors are far from the bodies that carry them, in words, or an empty string; at the first guess."""
+    known = solver.loop_rows.levers
+    if not known:
+        known.append(_far_anchors(solver, guess))
+    return known[0]
+
+
+def _far_anchors(solver, guess) -> str:
     bodies, anchors = _points(solver, guess)
     size, origin = _size(bodies), np.mean(bodies, axis=0)
     away = {end: float(np.linalg.norm(point - origin)) for end, point in anchors.items()}
@@ -344,20 +398,20 @@ def _long_levers(solver, guess) -> str:
     )
 
 
-def _points(solver, q) -> tuple[list, dict]:
+def _points(solver, q) -> tuple[np.ndarray, dict]:
     """The joints and centres of mass of the bodies, and (loop, 1 or 2) → each anchor on a body; in world axes, m."""
-    model, data = solver.model, solver.data
-    pin.forwardKinematics(model, data, q)
-    bodies = [data.oMi[i].translation.copy() for i in range(1, model.njoints)]
-    bodies += [data.oMi[i].act(model.inertias[i].lever) for i in range(1, model.njoints)]
-    anchors = {}
+    model = solver.model
+    points = [(i, np.zeros(3)) for i in range(1, model.njoints)]
+    points += [(i, model.inertias[i].lever) for i in range(1, model.njoints)]
+    bodies, ends = len(points), []
     for loop in solver.mechanism.anchored_loops:
         for end, frame, xyz in ((1, loop.frame1, loop.xyz1), (2, loop.frame2, loop.xyz2)):
             carrier = model.frames[model.getFrameId(frame)]
             if carrier.parentJoint:
-                place = data.oMi[carrier.parentJoint] * carrier.placement
-                anchors[loop.name, end] = place.act(np.array(xyz))
-    return bodies, anchors
+                points.append((carrier.parentJoint, carrier.placement.act(np.array(xyz))))
+                ends.append((loop.name, end))
+    found = positions(model, points, q)
+    return found[:bodies], dict(zip(ends, found[bodies:], strict=True))
 
 
 def _size(points) -> float:

@@ -1,7 +1,6 @@
 """Singular positions that a motion passes: the loops lose rank there for a moment, and branches of the motion meet."""
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from .lie import difference, integrate
 
@@ -44,6 +43,8 @@ def _independence(system, t, q) -> tuple[float, float]:
 
 def _lowest(system, t, q, low, high) -> tuple[float, float]:
     """Time and size of the smallest value between two rows."""
+    from scipy.optimize import minimize_scalar
+
     while high - low > 2:
         some = np.unique(np.linspace(low, high, FINER + 1).astype(int))
         k = 1 + np.argmin([_independence(system, t[i], q[i])[0] for i in some[1:-1]])

@@ -4,6 +4,7 @@ import difflib
 import os
 from collections.abc import Mapping
 from math import atan2, inf, isfinite
+from weakref import ref
 
 import numpy as np
 import pinocchio as pin
@@ -234,6 +235,20 @@ def checked_model(model: pin.Model) -> pin.Model:
     if not np.isfinite(model.gravity.vector).all():
         raise InputError(f"the gravity of model {model.name!r} is not finite")
     return model
+
+
+_own: dict = {}  # models of mechanisms, by identity
+
+
+def own_model(model: pin.Model) -> pin.Model:
+    """The checked copy that a mechanism keeps; the model of another mechanism, which nobody changes, is shared."""
+    known = _own.get(id(model))
+    if known is not None and known() is model:
+        return model
+    checked = checked_model(model)
+    place = id(checked)
+    _own[place] = ref(checked, lambda _: _own.pop(place, None))
+    return checked
 
 
 def workspace(model: pin.Model) -> pin.Data:

@@ -1,16 +1,16 @@
 """Closing loops from nearby and distant guesses, and moving joints while the loops stay closed."""
 
 import numpy as np
-from scipy.linalg import qr
+import pinocchio as pin
 
 from ..errors import InputError
-from .checks import workspace
 from .custom import Constraint
 from .joint_constraints import Drive
 from .lie import difference, integrate
 from .rank import HELD, RANK_TOLERANCE, Ranking, free_motions, row_scales
-from .rows import LoopRows
+from .rows import LoopRows, Workspace, mass_matrix
 
+EXACT = 1e-14  # m or rad: rounding, which further iterations would only change
 CLOSED_GAP = 1e-10  # m or rad; rounding errors are far below
 NEARLY_CLOSED = (
     1e-8  # accepted with a warning: redundant loops contradict each other slightly if a file's numbers are rounded
@@ -35,12 +35,22 @@ class LoopSolver:
 
     def __init__(self, mechanism, t: float = 0.0):
         self.t = t
-        self.model, self.data = mechanism.model, workspace(mechanism.model)
+        self.model, self.workspace = mechanism.model, Workspace(mechanism.model)
         self.mechanism, self.loop_rows = mechanism, LoopRows.of(mechanism)
+        self.warned = False  # by an assembly
+
+    @property
+    def data(self) -> pin.Data:
+        """Pinocchio's data."""
+        return self.workspace.data
 
     def rows(self, q):
         """Φ and J at a configuration."""
-        return self.loop_rows.at(self.data, q, self.t)
+        return self.loop_rows.at(q, self.t)
+
+    def mass_matrix(self, q):
+        """M(q), shape (nv, nv)."""
+        return mass_matrix(self.model, q, self.workspace)
 
     def ranking(self, q) -> Ranking:
         """The independent rows at a configuration."""
@@ -77,6 +87,8 @@ class LoopSolver:
         known = closed.get(place)
         if known is not None and self.size(known[0]) <= known[2]:  # many runs start from the same guess
             return known[0].copy(), known[1]
+        if self.size(guess) <= EXACT:
+            return guess.copy(), 0
         best, total = self._closed(guess, free)
         if (size := self.size(best)) <= NEARLY_CLOSED:
             closed.clear()
@@ -180,6 +192,8 @@ def newton(rows, model, turns, q, longest, free=True, tolerance=RANK_TOLERANCE):
 
 def held_motors(mechanism, q) -> list[str]:
     """The motorised joints that cannot move independently at a closed configuration; drives are not considered."""
+    from scipy.linalg import qr
+
     solver = LoopSolver(mechanism.with_loops(*(loop for loop in mechanism.loops if loop.kind != "drive")))
     every = range(mechanism.nv)
     columns = [(column, joint) for joint in mechanism.actuated for column in every[mechanism.columns(joint)]]

@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg.lapack import dgtsv
 
 from .forces import bound_forces, unused
 from .forces.held import sided
@@ -319,6 +318,8 @@ def _slopes(h, y):
 
     SciPy's ``CubicSpline`` takes several times as long, which was a fifth of a certificate.
     """
+    from scipy.linalg.lapack import dgtsv
+
     if (n := len(y)) < 4:
         return np.gradient(y, np.append(0.0, np.cumsum(h)), axis=0, edge_order=n - 1)
     mean, a, b = np.diff(y, axis=0) / h, h[:-1], h[1:]

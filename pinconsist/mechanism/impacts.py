@@ -7,11 +7,11 @@ from sys import float_info
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import null_space
 
 from ..errors import InputError
 from .checks import finite_array, frame_of, number, places, put
 from .closing import LoopSolver
+from .rank import null_space
 
 NO_RESPONSE = 1e-10  # response to an impulse, relative to that of the free bodies, of what loops and drives hold
 
@@ -177,7 +177,7 @@ class Bounce:
         solver = self._solver
         solver.t = t
         J = solver.rows(q)[1][solver.kept(q)]
-        Z = null_space(J) if len(J) else np.eye(len(n))
+        Z = null_space(J)
         M = pin.crba(solver.model, solver.data, q)
         response = Z @ np.linalg.lstsq(Z.T @ M @ Z, Z.T @ n, rcond=1e-13)[0]
         free = np.linalg.lstsq(M, n, rcond=1e-13)[0]

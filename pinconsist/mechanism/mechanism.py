@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .checks import checked_model, finite_array, near, normalized, number, places, put, require_mechanism, triple
+from .checks import finite_array, near, normalized, number, own_model, places, put, require_mechanism, triple
 from .contacts import checked_contacts, elements_of
 from .correction import correction
 from .custom import Constraint
@@ -88,7 +88,7 @@ class Mechanism:
     def __post_init__(self):
         if not isinstance(self.model, pin.Model):
             raise InputError(f"Mechanism needs a pin.Model, got {type(self.model).__name__}")
-        put(self, model=(model := checked_model(self.model)))
+        put(self, model=(model := own_model(self.model)))
         for several in ("loops", "forces", "actuated", "ignored"):
             put(self, **{several: _sequence(getattr(self, several), several)})
         if not all(isinstance(loop, tuple(RECORDS)) for loop in self.loops):
@@ -96,7 +96,7 @@ class Mechanism:
         names = [loop.name for loop in self.loops]
         if twice := [name for name in names if names.count(name) > 1]:
             raise InputError(f"two loops are named {min(twice)!r}; reactions and reports need unique names")
-        LoopRows(model, self.loops)  # this checks frames and bodies
+        LoopRows.built(self)  # this checks frames and bodies
         put(self, forces=tuple(as_force(force) for force in self.forces))
         bound_forces(model, self.forces)  # this checks joints, frames and sizes
         put(self, contacts=checked_contacts(model, self.contacts, self.loops))
@@ -360,6 +360,8 @@ def _sequence(value, what: str) -> tuple:
 def with_added_forces(mechanism, forces, caller: str) -> Mechanism:
     """The mechanism with the `forces` argument of a function added, after checks; it may be a single force."""
     require_mechanism(mechanism, caller)
+    if type(forces) is tuple and not forces:
+        return mechanism
     if callable(forces) or isinstance(forces, Mapping) or hasattr(forces, "torque") or hasattr(forces, "bind"):
         forces = (forces,)
     forces = _sequence(forces, "forces")

@@ -1,7 +1,6 @@
 """Forces and drives that act between the times at which a run evaluates them."""
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from .joint_constraints import Drive
 from .lie import interpolate
@@ -33,6 +32,8 @@ def brief_times(system, t, q, v, intervals) -> np.ndarray:
         )
     except Exception:  # a function of the user need not be defined between the rows
         return np.zeros(0)
+    from scipy.interpolate import CubicSpline
+
     ends = slice(None, None, PARTS)
     off = np.abs(values - CubicSpline(times[ends], values[ends])(times)).reshape(len(times), -1)
     largest = np.abs(values).max(axis=0, initial=0.0)

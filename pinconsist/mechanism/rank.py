@@ -82,8 +82,17 @@ def require_nonsingular(system, q) -> None:
 
     Either there are more drives than free motions; or some motion that the loops allow has no inertia; or `q` is a
     singular configuration: some rows are dependent here but independent at closed configurations nearby, and the motion
-    branches.
+    branches. The last configuration that passed is remembered, as many runs start there.
     """
+    place = q.tobytes() if system.rows.pure else None
+    if place is None or place not in system.rows.regular:
+        _look_for_singularity(system, q)
+    if place is not None:
+        system.rows.regular.clear()
+        system.rows.regular[place] = True
+
+
+def _look_for_singularity(system, q) -> None:
     rows, name = system.rows, system.mechanism.name
     drives = [loop.name for loop in rows.loops if loop.kind == "drive"]
     others = [row for row, (loop, _) in enumerate(rows.labels) if loop not in drives]

@@ -468,7 +468,7 @@ def _resultant(states, transmission, member, together, axes):
 def reactions(mechanism: Mechanism, names, t, q, lam, axes: str = "world", workspace=None) -> list[Reaction]:
     """The reactions of several loops at the same states."""
     rows, workspace, out = LoopRows.of(mechanism), workspace or Workspace(mechanism.model), []
-    doubtful = undetermined(mechanism, t, q, workspace.data, rows)
+    doubtful = undetermined(mechanism, t, q, rows)
     for closure in (each for each in rows.closures if each.loop.name in names):
         loop, its = closure.loop, lam[:, rows.slices[closure.loop.name]]
         anchored = isinstance(loop, Loop)
@@ -488,17 +488,17 @@ def reactions(mechanism: Mechanism, names, t, q, lam, axes: str = "world", works
     return out
 
 
-def undetermined(mechanism: Mechanism, t, q, data=None, rows=None) -> dict[str, float]:
+def undetermined(mechanism: Mechanism, t, q, rows=None) -> dict[str, float]:
     """Loops whose multipliers are meaningless, with the small relative singular value of their rows.
 
     This value must be small at all examined times: while a singular configuration is passed, forces are large but real.
     Exactly dependent rows share their load at minimum norm, and are not included.
     """
-    data, rows, samples = data or mechanism.model.createData(), rows or LoopRows.of(mechanism), []
+    rows, samples = rows or LoopRows.of(mechanism), []
     if not rows.nc or not len(t):
         return {}
     for i in sampled(len(t)):
-        samples.append(_nearly_dependent(rows, rows.at(data, q[i], t[i])[1]))
+        samples.append(_nearly_dependent(rows, rows.at(q[i], t[i])[1]))
         if not samples[-1]:
             return {}
     return {name: max(each[name] for each in samples) for name in samples[0] if all(name in each for each in samples)}

@@ -8,7 +8,7 @@ from __future__ import annotations
 from copy import copy
 from functools import cached_property
 from typing import Any
-from weakref import WeakKeyDictionary
+from weakref import WeakKeyDictionary, WeakValueDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -27,21 +27,47 @@ POSE = None  # in place of a shift: all six rows of a pose
 
 
 class Workspace:
-    """Pinocchio's data of a model, created on first use and shared by many evaluations."""
+    """Pinocchio's data of a model, created on first use and shared by many evaluations; those of `like`, if given."""
 
-    def __init__(self, model, data=None):
-        self.model, self._data = model, data
+    def __init__(self, model, like: Workspace | None = None):
+        self.model, self._like = model, like
 
-    @property
+    @cached_property
     def data(self) -> pin.Data:
         """The data; for large models its creation takes seconds."""
-        if self._data is None:
-            self._data = workspace(self.model)
-        return self._data
+        return workspace(self.model) if self._like is None else self._like.data
 
     def compiled(self) -> Any:
-        """An empty compiled system with this data, to which rows and forces are added: it evaluates many states."""
-        return blank_system(self.model, self.data)
+        """An empty compiled system, to which rows and forces are added: it evaluates many states."""
+        return blank_system(self.model, self._like or self)
+
+
+class Anchors:
+    """The anchors of loops in C++: second anchors as seen from the first ones, open or closed."""
+
+    def __init__(self, model, closures):
+        self._system = blank_system(model)
+        for closure in closures:
+            for shift in (np.zeros(3), *np.eye(3)) if closure.turn is not None else (np.zeros(3),):
+                self._system.add_anchored(*closure.ends(shift), np.eye(3), True)
+
+    def seen(self, q):
+        """Origins of second anchors, with the ends of their axes where rows turn, (n, 3); derivatives (n, 3, nv)."""
+        phi, J = self._system.rows(q)
+        return phi.reshape(-1, 3), J.reshape(-1, 3, J.shape[1])
+
+
+def positions(model, points, q) -> np.ndarray:
+    """World positions (n, 3) of points, each (joint, xyz in its axes)."""
+    system = blank_system(model)
+    for joint, xyz in points:
+        system.add_anchored(0, np.eye(4), joint, pin.SE3(np.eye(3), np.array(xyz)).homogeneous, np.eye(3), True)
+    return system.rows(q)[0].reshape(-1, 3)
+
+
+def mass_matrix(model, q, owner) -> np.ndarray:
+    """M(q), shape (nv, nv), in the compiled workspace of an `owner`."""
+    return blank_system(model, owner).dynamics(0.0, q, np.zeros(model.nv))[0]
 
 
 class LoopRows:
@@ -65,32 +91,36 @@ class LoopRows:
         self.steady = np.array([closure.steady for closure in self.closures for _ in closure.turns], dtype=bool)
         self.breakpoints = NONE
         self.moving = any(closure.moving for closure in self.closures)
+        # Without functions of the user's, which may change.
+        self.pure = all(isinstance(loop, Loop | Coupling) for loop in self.loops)
         self._evaluated: dict[tuple, list] = {}  # the last place → Φ and J; the start of a run is evaluated many times
         self.near: dict[tuple, list] = {}  # loop and some of its rows → what KeptRows makes of them
         self.vanishing: dict[tuple, bool] = {}  # indices of rows → whether they vanish everywhere
         self.closed: dict[tuple, tuple] = {}  # the last result of LoopSolver.close
         self.ranked: dict[bytes, Any] = {}  # the last J → the ranking of its rows
+        self.levers: list[str] = []  # the doubt about long levers, or "", once it is known
+        self.anchors: list[Anchors] = []  # the anchors in C++, once they are needed
+        self.structure: list[np.ndarray] = []  # the structure constants of the model, once they are known
+        self.assemblies: dict[tuple, Any] = {}  # the last start → its assembly
+        self.regular: dict[tuple, bool] = {}  # the last place at which the equations have a unique solution
 
     @staticmethod
     def of(mechanism) -> LoopRows:
         """The rows of a mechanism, with their own workspace; they are built once and then copied."""
-        built = _BUILT.get(mechanism)
-        if built is None:
-            like, others = _LIKE.pop(mechanism, (None, ()))
-            built = LoopRows(mechanism.model, mechanism.loops) if like is None else like._with(mechanism.loops, others)
-            _BUILT[mechanism] = built
+        built = LoopRows.built(mechanism)
         rows = copy(built)
         rows.closures = [closure.apart() for closure in built.closures]
         if built.moving:
             rows.breakpoints = Breakpoints()
             rows.breakpoints.add(rows.closures)
-        if not all(isinstance(loop, Loop | Coupling) for loop in built.loops):  # user-defined functions may change
+        if not built.pure:
             rows._evaluated = {}
         return rows
 
     def _with(self, loops, others) -> LoopRows:
         """The same rows for `loops`, of which some (their indices) have other numbers."""
         rows = copy(self)
+        rows.assemblies, rows.regular = {}, {}  # these depend on inertias
         if others:
             rows.loops, rows.closures = loops, list(self.closures)
             for i in others:
@@ -98,6 +128,21 @@ class LoopRows:
             changed = {loops[i].name for i in others}
             rows.near = {key: near for key, near in self.near.items() if key[0] not in changed}
             rows._evaluated, rows.vanishing, rows.closed, rows.ranked = {}, {}, {}, {}
+            rows.levers, rows.anchors = [], []
+        return rows
+
+    @staticmethod
+    def built(mechanism) -> LoopRows:
+        """The rows from which those of a mechanism are copied: one object for all with the same model and loops."""
+        rows = _BUILT.get(mechanism)
+        if rows is None:
+            like, others = _LIKE.pop(mechanism, (None, ()))
+            if like is None:
+                key = id(mechanism.model), id(mechanism.loops)  # the rows hold both
+                rows = _SHARED.get(key) or _SHARED.setdefault(key, LoopRows(mechanism.model, mechanism.loops))
+            else:
+                rows = like._with(mechanism.loops, others)
+            _BUILT[mechanism] = rows
         return rows
 
     def continue_in(self, breakpoints) -> None:
@@ -129,13 +174,27 @@ class LoopRows:
         """Φ and J, (nc,) and (nc, nv), after ``pin.computeJointJacobians`` on `data`; anchors need no `q` and `t`."""
         return _stacked([closure.evaluate(data, q, t) for closure in self.closures], self.model.nv)
 
-    def at(self, data: pin.Data, q, t: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-        """Copies of Φ and J at `q`; `data` is a workspace."""
+    def at(self, q, t: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """Copies of Φ and J at `q`, without a workspace of Pinocchio."""
         if (known := self._evaluated.get(place := (t, q.tobytes()))) is None:
-            pin.computeJointJacobians(self.model, data, q)
             self._evaluated.clear()
-            known = self._evaluated[place] = [each.copy() for each in self.evaluate(data, q, t)]
+            known = self._evaluated[place] = [each.copy() for each in self._at(q, t)]
         return known[0].copy(), known[1].copy()
+
+    def _at(self, q, t):
+        anchored = [closure for closure in self.closures if isinstance(closure, AnchoredRows)]
+        if anchored and not self.anchors:
+            self.anchors.append(Anchors(self.model, anchored))
+        ends, moving = self.anchors[0].seen(q) if anchored else (None, None)
+        parts, first = [], 0
+        for closure in self.closures:
+            if isinstance(closure, AnchoredRows):
+                last = first + (1 if closure.turn is None else 4)
+                parts.append(closure.from_ends(ends[first:last], moving[first:last]))
+                first = last
+            else:
+                parts.append(closure.evaluate(None, q, t))
+        return _stacked(parts, self.model.nv)
 
     def time_rate(self, t: float, q=None) -> np.ndarray:
         """Φ_t, shape (nc,)."""
@@ -178,7 +237,8 @@ class KeptRows:
     @cached_property
     def pinocchios(self) -> list:
         """Pinocchio's constraint models of each loop, with data and matrices; not used by the compiled system."""
-        return [[(*_constraint(self.model, each, at), A) for at, A, _ in parts] for each, _, parts in self._closures]
+        models = [[(_constraint(self.model, each, at), A) for at, A, _ in parts] for each, _, parts in self._closures]
+        return [[(model, model.createData(), A) for model, A in each] for each in models]
 
     def evaluate(self, data, q, t):
         """Φ and J, shapes (n,) and (n, nv), after ``pin.computeJointJacobians`` on `data`."""
@@ -253,11 +313,16 @@ class AnchoredRows(Rows):
         self.place, self.turn = blocks(loop)
         self._blocks = [block for block in (self.place, self.turn) if block is not None]
         shift = np.zeros(3) if self.turn is None else POSE
-        self.constraint, self.constraint_data = _constraint(model, self, shift)
+        self.constraint = _constraint(model, self, shift)
+
+    @cached_property
+    def constraint_data(self):
+        """Pinocchio's data of the constraint."""
+        return self.constraint.createData()
 
     def apart(self):
         other = copy(self)
-        other.constraint_data = self.constraint.createData()
+        vars(other).pop("constraint_data", None)
         return other
 
     def evaluate(self, data, q=None, t=0.0):
@@ -268,6 +333,15 @@ class AnchoredRows(Rows):
         d, R = pose.translation, pose.rotation
         angular = jacobian[3:]  # twist of body 2 relative to body 1, in axes 1, at anchor 1; d is at anchor 2
         return self.rows(d, R, jacobian[:3] - pin.skew(d) @ angular, angular)
+
+    def from_ends(self, ends, moving):
+        """Φ and J from the origin of anchor 2 and, if rows turn, the ends of its axes, and their derivatives."""
+        d, linear = ends[0], moving[0]
+        if self.turn is None:
+            return self.place.rows(d, None, linear, None)
+        axes = ends[1:] - d
+        angular = 0.5 * np.cross(axes[:, :, None], moving[1:] - linear, axis=1).sum(axis=0)
+        return self.rows(d, axes.T, linear, angular)
 
     def rows(self, d, R, linear, angular):
         """Φ and J from the pose of anchor 2 seen from anchor 1 and its derivatives."""
@@ -329,8 +403,7 @@ def _constraint(model, closure, shift):
     The error and the Jacobian of a point, seen from anchor 1, are exact even while the loop is open.
     """
     record = pin.FrameAnchorConstraintModel if shift is POSE else pin.PointAnchorConstraintModel
-    constraint = record(model, closure.joint1, closure.place1, closure.joint2, _shifted(closure.place2, shift))
-    return constraint, constraint.createData()
+    return record(model, closure.joint1, closure.place1, closure.joint2, _shifted(closure.place2, shift))
 
 
 def _calculated(model, data, constraint, constraint_data):
@@ -359,6 +432,7 @@ def _anchor_motion(model, data, joint, placement):
 
 _BUILT: WeakKeyDictionary[Any, LoopRows] = WeakKeyDictionary()  # mechanism → rows that are only copied, not evaluated
 _LIKE: WeakKeyDictionary[Any, tuple] = WeakKeyDictionary()  # mechanism → rows, and its loops with other numbers
+_SHARED: WeakValueDictionary[tuple, LoopRows] = WeakValueDictionary()  # the same by model and loops
 RECORDS = {Loop: AnchoredRows, Drive: DriveRow, Coupling: CouplingRow, Constraint: ConstraintRows}
 """Record types among the loops of a mechanism → the class of their rows."""
 

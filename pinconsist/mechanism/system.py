@@ -21,7 +21,7 @@ from .forces.piecewise import BoundPiecewise
 from .lie import difference, integrate, structure_constants
 from .mechanism import Mechanism
 from .names import velocity_names
-from .rows import KeptRows
+from .rows import KeptRows, mass_matrix
 
 DROPPED_GAP = 1e-6  # gap of a dropped row, relative to the mechanism's size, that shows that it was needed
 NEAR = np.array([1e-8, 1e-6, 1e-4, 1e-3])  # changes of velocity, relative to the largest, over which jumps are sought
@@ -43,7 +43,7 @@ class MechanismSystem(Index3System):
     def __init__(self, mechanism: Mechanism, q, t: float = 0.0, solver: LoopSolver | None = None, kept=None):
         self.mechanism, self.model, self.chosen_at = mechanism, mechanism.model, t
         solver = solver or LoopSolver(mechanism, t)
-        self.data, self.rows = solver.data, solver.loop_rows
+        self.workspace, self.rows = solver.workspace, solver.loop_rows
         self.vector_like = self.model.nq == self.model.nv  # otherwise some joint is in SO(2), SO(3), SE(2) or SE(3)
         self.npos, self.nx, self.nv = self.model.nq, self.model.nv, self.model.nv
         ranking = solver.ranking(q)
@@ -58,10 +58,20 @@ class MechanismSystem(Index3System):
         breakpoints = self.rows.breakpoints if self.rows.moving else Breakpoints()
         breakpoints.add(forces.values())
         self._take(forces, breakpoints)
-        self._M = self.data.M.T  # a view; M is stored by columns; its transpose, which is equal, can be added faster
         self.moving, self._J, self._solver = self.rows.moving, None, None
         self.steps_from: tuple | None = None  # the start of a run that is over, on whose steps the forces act
-        self._structure = None if self.vector_like else structure_constants(self.model)
+
+    @property
+    def data(self) -> pin.Data:
+        """Pinocchio's data, which runs in C++ do not need."""
+        return self.workspace.data
+
+    @property
+    def _structure(self):
+        known = self.rows.structure
+        if not known:
+            known.append(structure_constants(self.model))
+        return known[0]
 
     def _take(self, forces, breakpoints):
         self.forces, self.held_forces = forces, [each for each in forces.values() if isinstance(each, BoundHeld)]
@@ -169,7 +179,7 @@ class MechanismSystem(Index3System):
                 f_v -= tau_v
             if tau_q is not None:
                 f_q -= tau_q
-        return self._M.copy(), f_v, f_q
+        return self.data.M.T.copy(), f_v, f_q  # by columns; the transpose is equal, and can be added faster
 
     def force_gradient(self, t, p, v, lam):
         """∂(Jᵀλ)/∂q, shape (nv, nv), by forward differences; needed only if Newton's iteration is slow."""
@@ -256,14 +266,14 @@ class MechanismSystem(Index3System):
 
     def mass_matrix(self, q):
         """M(q), shape (nv, nv)."""
-        return np.array(pin.crba(self.model, self.data, q))
+        return mass_matrix(self.model, q, self.workspace)
 
     def loop_rows(self, q, t: float | None = None):
         """Φ and J of all rows at `q`, including dropped ones; by default at the time at which the rows were chosen.
 
         J depends on time only in user-defined constraints; Φ also in drives.
         """
-        return self.rows.at(self.data, q, self.chosen_at if t is None else t)
+        return self.rows.at(q, self.chosen_at if t is None else t)
 
     @property
     def n_multipliers(self):

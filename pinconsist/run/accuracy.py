@@ -293,7 +293,7 @@ def exact_forces(system, states, contacts=None):
 
 def _workspace(system):
     mechanism = system.mechanism
-    return None if mechanism is None else Workspace(system.model, system.data)
+    return None if mechanism is None else Workspace(system.model, system.workspace)
 
 
 def work_of(finer: FinerRun) -> tuple[np.ndarray, np.ndarray]:
@@ -405,6 +405,6 @@ def loop_forces(system, t, q, v, lam, contacts=None):
         return measured_in_modes(system.mechanism, contacts, states)[2]
     if not isinstance(system, MechanismSystem):
         return np.array([system.evaluate(t, p, v, 0.0 * v)[2] @ lam for t, p, v, lam in zip(*states, strict=True)])
-    compiled = blank_system(system.model, system.data)
+    compiled = blank_system(system.model, system.workspace)
     system.all_rows().hand_over(compiled)
     return compiled.residuals(*states)[2]

@@ -327,7 +327,7 @@ def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
         system = MechanismSystem(mechanism, solution.q[0], solution.t[0])
     elif isinstance(system, MechanismSystem):
         mechanism = system.mechanism
-    workspace = None if mechanism is None else Workspace(system.model, system.data)
+    workspace = None if mechanism is None else Workspace(system.model, system.workspace)
     made = 1 + np.flatnonzero(solution.order > 0)  # by the method's own steps; with t_eval all rows count
     compared = made if len(made) else slice(None)
     t, q, v = solution.t, solution.q, solution.v
@@ -367,7 +367,7 @@ def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
         energy_error=None if energy is None else balance,
         work_error=work_error,
         energy=None if energy is None else energy.total,
-        undetermined={} if mechanism is None else undetermined(mechanism, t, q, system.data, system.rows),
+        undetermined={} if mechanism is None else undetermined(mechanism, t, q, system.rows),
         not_unique={} if mechanism is None else _shared(solution, mechanism, system, workspace),
         beyond_limits=() if mechanism is None else beyond_limits(mechanism, *seen[:2]),
         corrected_by=0.0 if mechanism is None else mechanism.corrected_by,

@@ -194,14 +194,14 @@ class EquationsInModes:
 def mode_system(base, modes, t, q, still) -> ModeSystem:
     """The equations in one mode at a position in it."""
     elements, v = base.mechanism.contact_elements, np.zeros(base.nv)
-    every = all_rows(elements, base.model, base.data)
+    every = all_rows(elements, base.model, base.workspace)
     J = np.vstack((compiled_system(base).dynamics(t, q, v)[2], every.evaluate(t, q, v, v)[2]))
     return ModeSystem(base, elements, every, modes, J, still)
 
 
-def all_rows(elements, model, data=None):
-    """A compiled system with all rows of these elements, without loops and forces."""
-    every = blank_system(model, data)
+def all_rows(elements, model, owner=None):
+    """A compiled system with all rows of these elements, without loops and forces, with the workspace of an `owner`."""
+    every = blank_system(model, owner)
     for element in elements:
         element.add(every)
     return every

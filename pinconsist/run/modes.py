@@ -80,7 +80,7 @@ class Modes:
         self.still = max(10.0 * atol, 1e-12)
         self.periods: list[Period] = []
         self.impacts: list[ContactImpact] = []
-        self.every = all_rows(self.elements, base.model, base.data)
+        self.every = all_rows(self.elements, base.model, base.workspace)
         self._loops = compiled_system(base)
         self._levels: list[float] = [0.0] * len(self.elements)
         self._speeds = np.zeros(len(self.elements))  # the largest of approach so far

@@ -117,14 +117,14 @@ def simulate(
     mech = mech if control is None else mech.with_control(control)
     span = span_of(t_span)
     options = Options(method, step, order, rtol, atol, consistency, first_step, max_step, max_steps)
-    options.for_span(span)  # errors in the options come before those of the mechanism
+    method = options.for_span(span)  # errors in the options come before those of the mechanism
     solver = LoopSolver(mech, span[0])
     solver.loop_rows.breakpoints.look_ahead(span[0], span[1], mech.guess, np.zeros(mech.nv), step is None)
     assembly = assembled(solver, q0, v0)
     system = MechanismSystem(mech, assembly.q, span[0], solver)
     require_nonsingular(system, assembly.q)
     output = _output(span, t_eval, dense_output, as_events(events, mech), callback)
-    return _integrated(system, span, assembly.q, assembly.v, options, output)
+    return _integrated(system, span, assembly.q, assembly.v, options, method, output)
 
 
 def integrate(
@@ -161,7 +161,7 @@ def integrate(
     without_backend(backend)
     span = span_of(t_span)
     options = Options(method, step, order, rtol, atol, consistency, first_step, max_step, max_steps)
-    options.for_span(span)
+    method = options.for_span(span)
     p0, v0 = finite_array(p0, "p0"), finite_array(v0, "v0")
     system = system_of(system, span[0], p0, v0)
     phi = system.constraint(span[0], p0, system.rate(span[0], p0, v0))[0]
@@ -173,12 +173,15 @@ def integrate(
             "constraint, or use simulate(), which assembles"
         )
     events = as_events(events, system.mechanism)
-    return _integrated(system, span, p0, v0, options, _output(span, t_eval, dense_output, events, callback))
+    output = _output(span, t_eval, dense_output, events, callback)
+    return _integrated(system, span, p0, v0, options, method, output)
 
 
-def _integrated(system, span, p0, v0, options, output) -> Solution:
+def _integrated(system, span, p0, v0, options, chosen, output) -> Solution:
     contacts = () if system.mechanism is None else system.mechanism.contacts
-    chosen = options.for_span(span, 0 if contacts else system.nv - system.nc)  # Radau for contacts
+    freedoms = 0 if contacts else system.nv - system.nc  # Radau for contacts
+    if options.chosen(freedoms) != options.chosen(0):
+        chosen = options.for_span(span, freedoms)
     warn_of_differences(system, chosen)
     chosen = looking(chosen, system, span)
     with deferred(late=False) as interrupted:

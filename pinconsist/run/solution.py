@@ -423,7 +423,7 @@ class Solution(ByName):
     def _workspace(self, model) -> Workspace:
         """A workspace for evaluations, which reuses that of the run if it has the same model."""
         system = self.system if self.system is not None and self.system.model is model else None
-        return Workspace(model, system and system.data)
+        return Workspace(model, system and system.workspace)
 
     def _require_scene(self, mechanism, method):
         if mechanism is None and self.system is None:

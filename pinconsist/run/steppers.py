@@ -271,7 +271,7 @@ class BdfStepper(Stepper):
     def _new_core(self):
         system = self.system
         if system.mechanism is not None and not system.vector_like:
-            self._chart_points = blank_system(system.model, system.data).chart_points
+            self._chart_points = blank_system(system.model, system.workspace).chart_points
         core = required().Stepper(self._compiled, self.method.consistency == "every-step", self.method.switches)
         core.fix_order(self.method.order)
         return core

@@ -197,7 +197,7 @@ def _gap(sol) -> float:
     system = sol.system
     if not len(sol.t) or not system.rows.nc:
         return 0.0
-    compiled = blank_system(system.model, system.data)
+    compiled = blank_system(system.model, system.workspace)
     system.all_rows().hand_over(compiled)
     widest = int(np.abs(compiled.gaps(sol.t, sol.q)).max(axis=1).argmax())
     return float(np.abs(system.loop_rows(sol.q[widest], sol.t[widest])[0]).max())

@@ -229,11 +229,11 @@ class DrawnSolution:
                 return system.evaluate(t, q, v, np.zeros(len(v)))[1], rate
         else:
             mech = self.need_mechanism("constraint drift")
-            data, rows = mech.model.createData(), LoopRows.of(mech)
+            rows = LoopRows.of(mech)
             parts = rows.slices
 
             def evaluate(t, q, v):
-                phi, J = rows.at(data, q, t)
+                phi, J = rows.at(q, t)
                 return phi, J @ v + rows.time_rate(t, q)
 
         both = np.abs([evaluate(*state) for state in zip(self.t, self.q, self.v, strict=True)])

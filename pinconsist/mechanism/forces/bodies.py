@@ -58,15 +58,24 @@ class Points:
     """Kinematics of points on one model, at the configuration of the last :meth:`move`."""
 
     def __init__(self, model: pin.Model):
-        self.model = model.copy()
-        self.model.gravity.setZero()  # static torques are then those of the given forces only
-        self._loads = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
+        self._given = model
         self._still = np.zeros((3, model.nv))
 
     @cached_property
+    def model(self) -> pin.Model:
+        """The model without gravity: static torques are then those of the given forces only."""
+        model = self._given.copy()
+        model.gravity.setZero()
+        return model
+
+    @cached_property
     def data(self) -> pin.Data:
-        """The workspace, made when a force is evaluated."""
+        """Its workspace, which runs in C++ do not need."""
         return workspace(self.model)
+
+    @cached_property
+    def _loads(self):
+        return pin.StdVec_Force([pin.Force.Zero() for _ in range(self._given.njoints)])
 
     def move(self, q) -> None:
         pin.computeJointJacobians(self.model, self.data, q)
