@@ -28,6 +28,7 @@ from pinconsist.view.visuals import visuals
 
 from . import report
 from .constants import worths
+from .rules import rules
 
 SCENES = {"crank_rocker": 2.0, "andrews": 0.02, "bricard": 4.0, "delta_robot": 0.5, "chain_8": 1.0, "chain_64": 1.0}
 """The scenes and how long they run, s."""
@@ -120,6 +121,9 @@ def command(
     constants: Annotated[
         bool, typer.Option("--constants", help="Halve and double each constant of the method.")
     ] = False,
+    by_rules: Annotated[
+        bool, typer.Option("--rules", help="Switch off each rule of the method by its constant.")
+    ] = False,
     csv: report.Csv = None,
     as_json: output.Json = False,
 ) -> int:
@@ -130,6 +134,8 @@ def command(
     output.require_writable(csv=csv)
     if constants:
         return _constants(scene, csv, as_json)
+    if by_rules:
+        return _rules(csv, as_json)
     rows = [asdict(cost) for cost in ablate(scene, repeats)]
     if report.in_files(csv, as_json, rows, ablate=rows):
         return output.FINE
@@ -138,6 +144,22 @@ def command(
         columns = ["variant", *times, "steps>", "residuals>", "matrices>"]
         own = [row for row in rows if row["scene"] == name]
         report.table(own, columns, f"{name}: time over that of the plain run")
+    return output.FINE
+
+
+def _rules(csv, as_json) -> int:
+    rows = [asdict(row) for row in rules()]
+    if report.in_files(csv, as_json, rows, rules=rows):
+        return output.FINE
+    columns = [
+        "method",
+        "constant",
+        ("off>", "{off:g}"),
+        ("changed>", "{changed} of {runs}"),
+        ("steps>", "{steps:.3f}"),
+    ]
+    columns += [("most>", "{most:.2f}"), ("error>", "{error:.2g}"), "where", "failures"]
+    report.table(rows, columns, "Rules switched off: steps and errors over those with them")
     return output.FINE
 
 

@@ -10,6 +10,8 @@ from helpers import command_line
 import pinconsist as pc
 from benchmarks.ablate import PLAIN, VARIANTS, ablate, timed_run
 from benchmarks.app import main
+from benchmarks.rules import OFF, rules
+from pinconsist.engine import required
 from pinconsist.errors import InputError
 from pinconsist.mechanism.system import MechanismSystem
 
@@ -57,6 +59,16 @@ def test_only_what_a_scene_leaves_out_is_done():
         concerned[scene] = {variant.name for variant in VARIANTS if variant.concerns(system)}
     assert concerned["chain_32"] - concerned["four_bar"] == {"jacobian reuse off"}
     assert concerned["four_bar"] - concerned["chain_32"] == {"kept derivatives off"}
+
+
+def test_a_rule_that_is_switched_off_changes_some_runs():
+    """Without waiting, the number of stages grows at once; the constant is as before afterwards."""
+    before = required().constants()
+    assert {name for of_method in OFF.values() for name in of_method} <= set(before)
+    rows = {row.constant: row for row in rules(["Radau"], {"four_bar": (0.3, 0.0), "n_four_bar_2": (2.0, -1.0)})}
+    assert rows.keys() == OFF["Radau"].keys() and all(row.runs == 8 for row in rows.values())
+    assert rows["CALM"].changed > 2 and rows["CALM"].steps < 1.0
+    assert required().constants() == before
 
 
 def test_bad_input():
