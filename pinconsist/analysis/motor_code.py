@@ -20,6 +20,7 @@ from ..errors import InputError, MissingExtraError
 from ..files import as_path, written_whole
 from ..mechanism.checks import spread
 from ..mechanism.forces import JointDamping, JointFriction, JointSpring, JointTorque, SpringDamper, model_forces
+from ..mechanism.forces.force import label_of
 from ..mechanism.joint_constraints import Coupling, Drive
 from ..mechanism.lie import integrate
 from ..mechanism.loops import Length, Loop, Turn
@@ -269,7 +270,7 @@ class Symbols:
             elif isinstance(force, JointTorque) and not (law := force.bind(self.model))._curves:
                 total += law._constant
             else:
-                label = getattr(force, "label", type(force).__name__)
+                label = label_of(force)
                 raise InputError(f"{self.mechanism.name}: the force {label!r} cannot be converted to C; omit it")
         return self.still(total)
 

@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from ..mechanism.checks import places
 from ..mechanism.forces import Actuator, JointSpring, SpringDamper, Wrench
+from ..mechanism.forces.force import label_of
 from .reading import text
 from .saying import Motion1, Said, Unsaid, in_world, least_inertia, require_same_motion, said
 
@@ -186,7 +187,7 @@ class _Writer:
         elif isinstance(force, Wrench) and self._compensates(force):
             return
         else:
-            label = getattr(force, "label", type(force).__name__)
+            label = label_of(force)
             raise Unsaid(f"MJCF has no force like {label!r}; leave it out: mech.with_forces(…)")
 
     def _compensates(self, force) -> bool:

@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from ..mechanism.checks import places
 from ..mechanism.forces import Actuator, SpringDamper
+from ..mechanism.forces.force import label_of
 from ..mechanism.loops import Loop
 from .reading import text
 from .saying import Motion1, Said, Unsaid, in_world, require_same_motion, said
@@ -220,7 +221,7 @@ def _force(model, parts, force):
         return
     plain = isinstance(force, Actuator) and isinstance(force.joint, str) and force.gear == 1.0
     if not plain or force.gain != (1.0, 0.0, 0.0) or any(force.bias) or force.control != 0.0 or force.control_range:
-        label = getattr(force, "label", type(force).__name__)
+        label = label_of(force)
         raise Unsaid(f"SDF has no force like {label!r}; leave it out: mech.with_forces(…)")
     plugin = SubElement(model, "plugin", name="gz::sim::systems::ApplyJointForce")
     plugin.set("filename", "gz-sim-apply-joint-force-system")

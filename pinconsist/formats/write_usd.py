@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..mechanism.forces import Actuator
+from ..mechanism.forces.force import label_of
 from .saying import Motion1, Said, Unsaid, in_world, least_inertia, require_same_motion, said
 from .usd import EXACT, package
 
@@ -237,7 +238,7 @@ class _Writer:
     def _force(self, force):
         plain = isinstance(force, Actuator) and isinstance(force.joint, str) and force.gear == 1.0
         plain = plain and not callable(force.control) and not force.control_range and force.joint in self._joints
-        label = getattr(force, "label", type(force).__name__)
+        label = label_of(force)
         refused = Unsaid(f"USD has no force like {label!r}; leave it out: mech.with_forces(…)")
         if not plain:
             raise refused

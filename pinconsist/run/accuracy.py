@@ -377,7 +377,7 @@ class Equations:
         known, sol = self._index1, self._solution
         fresh = MechanismSystem(self._mechanism, q, t) if known is None else known.system.reselected(q)
         if known is None and fresh.breakpoints and len(sol.t):
-            run = getattr(sol.system, "breakpoints", None)
+            run = sol.system.breakpoints if isinstance(sol.system, MechanismSystem) else None
             fresh.breakpoints.look_over(sol.t[0], sol.t[-1], sol.q[0], sol.v[0], run)
         if fresh is not None:
             self._index1 = Index1(fresh)
