@@ -225,6 +225,29 @@ def calibration(axes, mech, fit):
     return "standard deviations of the parameters, times 1000"
 
 
+def plan(axes, mech, found):
+    solver, sol = found
+    for name, color in {"left_crank": BLUE, "right_crank": ORANGE}.items():
+        axes.plot(sol.t, sol.position(name), color=color, label=f"{name}  [rad]")
+    axes.step(0.02 * np.arange(len(solver.us)), np.array(solver.us), where="post", color="#999999", linewidth=1)
+    axes.legend(frameon=False)
+    return "cranks, and torques in N·m, grey"
+
+
+def way_of_joints(axes, mech, way):
+    for joint, color in zip(mech.actuated, (BLUE, ORANGE), strict=True):
+        axes.plot(way[:, mech.columns(joint)], color=color, label=joint)
+    axes.legend(frameon=False)
+    return "motors at the iterations  [rad]"
+
+
+def returns(axes, mech, found):
+    _, total, targets, masses = found
+    points = axes.scatter(targets, total, c=masses, s=12)
+    axes.figure.colorbar(points, ax=axes, label="mass of the coupler  [kg]")
+    return "return by the target  [rad]"
+
+
 def spring_size(axes, mech, found):
     times, before, now, _ = found
     axes.plot(times, before, color=ORANGE, label="spring of the guess")
@@ -284,6 +307,9 @@ FIGURES = {  # curve, time of the still or None, traces in it
     "25_ilqr": (ilqr, None, ()),
     "26_kinematic_calibration": (calibration, None, ()),
     "27_held_identification": (calibration, None, ()),
+    "28_crocoddyl": (plan, None, ()),
+    "29_pink": (way_of_joints, None, ()),
+    "30_vector_environment": (returns, None, ()),
 }
 
 

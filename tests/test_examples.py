@@ -285,6 +285,25 @@ def spheres():
     return np.abs((fit.x - example.BUILT) / deviations).max()
 
 
+def tip_of_the_five_bar():
+    """The left elbow is where circles about the motor and the tip meet."""
+    target, motor = module("29_pink").TARGET, np.array([-0.1, 0.0])
+    elbow = circles_meet(motor, 0.25, target[[0, 2]], 0.35, left=True)
+    return -np.arctan2(*(elbow - motor)[::-1])  # angles are positive downwards
+
+
+def mean_of_returns():
+    """The policy on the closed form of each linkage: the coupler moves in parallel, (1/3 + 1/3 + m) L² a'' = torque."""
+    *_, targets, masses = module("30_vector_environment").run()[1]
+    angle, speed, total = 0.0 * targets, 0.0 * targets, 0.0
+    for _ in range(50):
+        torque = 20.0 * np.clip(2.0 * (targets - angle) - 0.5 * speed, -1.0, 1.0)
+        a = torque / (2.0 / 3.0 + masses)
+        angle, speed = angle + 0.02 * speed + 0.5 * 0.02**2 * a, speed + 0.02 * a
+        total = total - (targets - angle) ** 2 - 0.01 * speed**2
+    return total.mean()
+
+
 ANSWERS = {  # number or how it is found, relative tolerance: that of the run
     "01_exact_and_consistent": (8.0120e-3, 5e-5),  # Arévalo (2008), table 5.1, five digits
     "02_four_bar": (four_bar, 1e-7),
@@ -313,8 +332,11 @@ ANSWERS = {  # number or how it is found, relative tolerance: that of the run
     "25_ilqr": (-np.pi, 1e-3),  # upright: the goal itself
     "26_kinematic_calibration": (spheres, 1e-2),
     "27_held_identification": (0.37, 1e-2),  # the true mass, three standard deviations
+    "28_crocoddyl": (lambda: module("28_crocoddyl").GOAL[0], 1e-4),  # the goal itself
+    "29_pink": (tip_of_the_five_bar, 1e-6),
+    "30_vector_environment": (mean_of_returns, 1e-6),
 }
-LONGER = {"25_ilqr": 80}  # lines
+LONGER = {"25_ilqr": 80, "28_crocoddyl": 80, "30_vector_environment": 80}  # lines
 
 
 def test_all_examples_are_here():
