@@ -17,6 +17,7 @@ from . import report
 
 SCENES = ("four_bar", "five_bar", "delta_robot", "stewart_platform")
 SAMPLE = 1e-3  # s
+NODES, NODE = 20, 1e-2  # of a horizon, s
 CALLS, REPEATS = 50, 9
 
 
@@ -35,6 +36,7 @@ class Prices:
     parameters: float  # another mass
     copy: float
     forward: float  # forward dynamics, each of many states
+    horizon: float  # 20 steps of 10 ms from a state, and their reduced linearisations
 
 
 def priced(scene, calls=CALLS, repeats=REPEATS) -> Prices:
@@ -65,8 +67,17 @@ def priced(scene, calls=CALLS, repeats=REPEATS) -> Prices:
     }  # fmt: skip
     least = {name: each.process / calls for name, each in report.least_times(work, repeats).items()}
     other = pc.Simulation(mech)
+
+    def horizon():
+        other.reset(q, v)
+        for k in range(NODES):
+            torques[column] = 1e-3 * (k % 2)
+            other.step(NODE, control=torques.copy())
+            assert other.linearized().A_reduced is not None
+
     work = {
         "reset": several(lambda: other.reset(q, v)), "assembled": several(lambda: other.reset(open_q)),
+        "horizon": several(horizon),
         "parameters": several(lambda: other.set_parameters({f"mass:{joint}": 0.5 + 1e-6 * time.perf_counter() % 1e-3})),
     }  # fmt: skip
     least |= {name: each.process / calls for name, each in report.least_times(work, repeats).items()}
@@ -87,7 +98,7 @@ def command(
     rows = [asdict(priced(scene)) for scene in scenes or SCENES]
     if report.in_files(csv, as_json, rows, prices=rows):
         return output.FINE
-    names = ("build", "step", "linearized", "reduced", "reset", "assembled", "parameters", "copy", "forward")
+    names = ("build", "step", "linearized", "reduced", "reset", "assembled", "parameters", "copy", "forward", "horizon")
     columns = ["scene", "velocities>", *((f"{name} [µs]>", report.scaled(name, 1e6, 0)) for name in names)]
     report.table(rows, columns, f"one call; a step is {1e3 * SAMPLE:g} ms, from a state in motion")
     return output.FINE
