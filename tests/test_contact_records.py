@@ -202,3 +202,28 @@ def test_runs_without_contacts_have_no_modes():
     sol = pc.simulate(touching.ball().with_contacts(), (0.0, 0.1))
     assert sol.modes == [] and sol.impacts == () and sol.contacts is None
     assert isinstance(sol.mechanism.model, pin.Model)
+
+
+def test_tables_and_quantities_have_gaps_forces_and_modes(tmp_path):
+    """A ball with friction of its rail: at 0.1 m it falls, and rests on its stop."""
+    mech = touching.ball().add_contacts(pc.DryFriction("z", 1.0))
+    sol = pc.simulate(mech, (0.0, 1.0), {"z": 0.1})
+    text = sol.to_csv(tmp_path / "run.csv").read_text().splitlines()
+    headings, last = text[0].split(","), [float(each) for each in text[-1].split(",")]
+    row = dict(zip(headings, last, strict=True))
+    assert row["gap.z [m]"] == pytest.approx(0.0, abs=1e-12)
+    assert row["force.z [N]"] + row["force.z friction [N]"] == pytest.approx(9.81)
+    assert row["mode.z [0 open; 1 closed; 2 stick; 3 slip]"] == 1.0
+    assert row["mode.z friction [0 open; 1 closed; 2 stick; 3 slip]"] == 2.0
+    assert sol.evaluate("gap z lower at 0") == pytest.approx(0.1)
+    fall = np.sqrt(2.0 * 0.1 * (9.81 - 1.0))
+    assert sol.evaluate("max slip z friction") == pytest.approx(fall, rel=1e-6)
+    with pytest.raises(pc.InputError, match="no contact 'heel'"):
+        sol.evaluate("gap heel")
+
+
+def test_quantities_of_a_point_are_vectors():
+    mech = touching.block(pc.Contact("heel", "z", friction=0.5), slope=0.3)
+    sol = pc.simulate(mech, (0.0, 1.0))
+    assert sol.evaluate("contact heel z") == pytest.approx(9.81 * np.cos(0.3))
+    assert sol.evaluate("peak contact heel") == pytest.approx(9.81)

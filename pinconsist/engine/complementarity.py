@@ -18,6 +18,8 @@ Methods Eng. 39 (1996) 2673-2691.
 
 from typing import NamedTuple
 
+import numpy as np
+
 from . import required
 
 
@@ -40,14 +42,31 @@ class Grip(NamedTuple):
     of: int = -1
 
 
-def solve(A, b, blocks):
+SHARES = 1e-6  # compliance of pushes that share a load, relative to their own responses
+SHARED = 1e-12  # relative change of z at which they are found
+TURNS = 6
+
+
+def solve(A, b, blocks, shared=False):
     """(z, u, residual) of a complementarity problem with matrix `A` (n, n), vector `b` (n,) and its `blocks`.
 
-    The residual is relative to b; it is large where there is no solution, as with friction there may be none.
+    The residual is relative to b; it is large where there is no solution, as with friction there may be none. With
+    `shared`, pushes that depend on each other have those forces, of many, that equal small compliances give.
     """
     laws = [
         (block.at, 1, True, 0.0, 0.0, -1) if isinstance(block, Push) else (*block[:2], False, *block[2:])
         for block in blocks
     ]
-    z, left = required().complementarity(A, b, laws)
+    if not shared:
+        z, left = required().complementarity(A, b, laws)
+        return z, A @ z + b, float(left)
+    compliance = np.zeros(len(b))
+    pushes = [block.at for block in blocks if isinstance(block, Push)]
+    compliance[pushes] = SHARES * max(np.abs(np.diag(A)).max(initial=0.0), 1e-300)
+    stiff, z = A + np.diag(compliance), np.zeros(len(b))
+    for _ in range(TURNS):  # a proximal point method: the compliances are taken off again
+        last = z
+        z, left = required().complementarity(stiff, b - compliance * last, laws)
+        if np.abs(z - last).max(initial=0.0) <= SHARED * np.abs(z).max(initial=0.0):
+            break
     return z, A @ z + b, float(left)

@@ -83,18 +83,24 @@ public:
     Gt.row(at) -= friction_ * towards(v).transpose() * own_.bottomRows(n_ - 1);
   }
   // Add −∂(G λ)/∂v.
-  void add_turning(const Vec &v, double lam, Mat &D) const override {
+  void add_turning(const Vec &v, const Vec &lam, int at, Mat &D) const override {
     if (n_ < 3) return;
     const Vec slip = own_.bottomRows(n_ - 1) * v;
     const double speed = slip.norm();
     if (!(speed > still_)) return;
-    const double sense = slip.dot(direction_) < 0.0 ? -1.0 : 1.0;
+    const double way = sense(slip, speed);
     const Vec d = slip / speed;
     const Mat across = Mat::Identity(n_ - 1, n_ - 1) - d * d.transpose();
-    D += sense * friction_ * lam / speed * own_.bottomRows(n_ - 1).transpose() * across * own_.bottomRows(n_ - 1);
+    D += way * friction_ * lam[at] / speed * own_.bottomRows(n_ - 1).transpose() * across * own_.bottomRows(n_ - 1);
   }
   void step_ended(const Vec &v) override {
     if (n_ == 3) direction_ = towards(v);
+  }
+  void aim(const Vec &v) override {
+    if (n_ < 3) return;
+    const Vec slip = own_.bottomRows(n_ - 1) * v;
+    const double speed = slip.norm();
+    if (speed > still_) direction_ = slip / speed;
   }
   bool slides() const override { return true; }
 
@@ -104,8 +110,11 @@ private:
     const Vec slip = own_.bottomRows(n_ - 1) * v;
     const double speed = slip.norm();
     if (!(speed > still_)) return direction_;
-    return (slip.dot(direction_) < 0.0 ? -1.0 : 1.0) / speed * slip;
+    return sense(slip, speed) / speed * slip;
   }
+
+  // Whether sliding is about reversed since the start of the step; before, a mode ends where it has turned by a right angle.
+  double sense(const Vec &slip, double speed) const { return slip.dot(direction_) < -0.5 * speed ? -1.0 : 1.0; }
 
   AnchoredRows normal_, all_;
   double friction_, still_;
@@ -113,6 +122,80 @@ private:
   int n_, nv_;
   mutable Vec own_phi_;
   mutable Mat own_;
+};
+
+// C Φ of the rows Φ of several parts, whose multipliers are then Cᵀ λ: of gaps that depend on each other.
+class CombinedRows : public Rows {
+public:
+  CombinedRows(std::vector<std::unique_ptr<Rows>> parts, Mat combination)
+      : parts_(std::move(parts)), C_(std::move(combination)), n_(static_cast<int>(C_.cols())) {}
+
+  void evaluate(const Data &data, double t, const Vec &p, int at, Vec &phi, Mat &J) const override {
+    phi_.setZero(n_);
+    J_.setZero(n_, J.cols());
+    for_each([&](const Rows &part, int k) { part.evaluate(data, t, p, k, phi_, J_); });
+    phi.segment(at, size()) = C_ * phi_;
+    J.middleRows(at, size()) = C_ * J_;
+  }
+  void add_rate(double t, const Vec &p, int at, Vec &rate) const override {
+    phi_.setZero(n_);
+    for_each([&](const Rows &part, int k) { part.add_rate(t, p, k, phi_); });
+    rate.segment(at, size()) += C_ * phi_;
+  }
+  void add_bias(const Data &data, double t, const Vec &p, const Vec &v, int at, Vec &bias) const override {
+    phi_.setZero(n_);
+    for_each([&](const Rows &part, int k) { part.add_bias(data, t, p, v, k, phi_); });
+    bias.segment(at, size()) += C_ * phi_;
+  }
+  void add_wrench(const Data &data, const Vec &lam, const Vector3d &x, Vector3d &force, Vector3d &moment) const override {
+    const Vec own = C_.transpose() * lam;
+    for_each([&](const Rows &part, int k) { part.add_wrench(data, own.segment(k, part.size()), x, force, moment); });
+  }
+  bool add_gradients(const Data &data, const Vec &p, const Vec &v, const Vec &lam, int at, Mat &F, Mat &H) const override {
+    const Vec own = C_.transpose() * lam.segment(at, size());
+    Mat rates = Mat::Zero(H.size() ? n_ : 0, H.cols());
+    bool known = true;
+    for_each([&](const Rows &part, int k) { known = known && part.add_gradients(data, p, v, own, k, F, rates); });
+    if (H.size()) H.middleRows(at, size()) += C_ * rates;
+    return known;
+  }
+  int size() const override { return static_cast<int>(C_.rows()); }
+  bool calls_python() const override { return any([](const Rows &part) { return part.calls_python(); }); }
+
+  bool slides() const override { return any([](const Rows &part) { return part.slides(); }); }
+  void add_friction(const Vec &v, int at, Mat &Gt) const override {
+    J_.setZero(n_, Gt.cols());
+    for_each([&](const Rows &part, int k) { part.add_friction(v, k, J_); });
+    Gt.middleRows(at, size()) += C_ * J_;
+  }
+  void add_turning(const Vec &v, const Vec &lam, int at, Mat &D) const override {
+    const Vec own = C_.transpose() * lam.segment(at, size());
+    for_each([&](const Rows &part, int k) { part.add_turning(v, own, k, D); });
+  }
+  void step_ended(const Vec &v) override {
+    for (auto &part : parts_) part->step_ended(v);
+  }
+  void aim(const Vec &v) override {
+    for (auto &part : parts_) part->aim(v);
+  }
+
+private:
+  template <class F> void for_each(const F &function) const {
+    int k = 0;
+    for (const auto &part : parts_) {
+      function(*part, k);
+      k += part->size();
+    }
+  }
+  template <class F> bool any(const F &function) const {
+    return std::any_of(parts_.begin(), parts_.end(), [&](const auto &part) { return function(*part); });
+  }
+
+  std::vector<std::unique_ptr<Rows>> parts_;
+  Mat C_;
+  int n_;
+  mutable Vec phi_;
+  mutable Mat J_;
 };
 
 } // namespace pinconsist

@@ -174,6 +174,11 @@ public:
     return changed;
   }
 
+  // A step begins where the last look was.
+  void begin_step() {
+    if (contacts_) contacts_->begin_step();
+  }
+
   // A time between the last two evaluations at which a contact may close and open again; NaN if there is none.
   double doubtful() const {
     const double t = contacts_ ? contacts_->doubtful() : NOT_A_NUMBER;

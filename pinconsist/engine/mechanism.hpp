@@ -71,6 +71,15 @@ public:
     lane_tree_.reset();
     size_rows();
   }
+  // Replace the rows that were added last, one a part, by combinations of them.
+  void combine(const Mat &combination) {
+    std::vector<std::unique_ptr<Rows>> parts;
+    const auto first = rows_.end() - combination.cols();
+    nc = first->second;
+    for (auto part = first; part != rows_.end(); ++part) parts.push_back(std::move(part->first));
+    rows_.erase(first, rows_.end());
+    add_rows(std::make_unique<CombinedRows>(std::move(parts), combination));
+  }
   void add_force(std::unique_ptr<Force> force) {
     calls_python_ |= force->calls_python();
     forces_on_bodies_ |= force->on_bodies();
@@ -106,6 +115,13 @@ public:
   const Mat &G_transposed() const override { return slides_ ? Gt_ : W; }
   void step_ended(const Vec &v) override {
     for (const auto &part : rows_) part.first->step_ended(v);
+  }
+
+  // Contacts that slide do so in the direction of this velocity.
+  void aim(double t, const Vec &p, const Vec &v) {
+    if (!slides_) return;
+    evaluate_rows(t, p);
+    for (const auto &part : rows_) part.first->aim(v);
   }
 
   void integrate(const Vec &p, const Vec &xi, Vec &out) const override {
@@ -497,7 +513,7 @@ private:
   // The derivative of these directions, with the λ that balance f.
   void add_turning(const Vec &v, Mat &D) {
     const Vec lam = (Gt_ * Gt_.transpose()).ldlt().solve(Gt_ * f);
-    for (const auto &[rows, at] : rows_) rows->add_turning(v, lam[at], D);
+    for (const auto &[rows, at] : rows_) rows->add_turning(v, lam, at, D);
   }
 
   bool nobody_needs_jacobians() const { return rows_.empty() && !forces_on_bodies_; }

@@ -140,6 +140,8 @@ NB_MODULE(_engine, m) {
       .def("add_limit", adds<LimitRow, Place, double, double, double>())
       .def("add_rope", adds<RopeRow, int, Pose, int, Pose, double>())
       .def("add_sliding", adds<SlidingRow, int, Pose, int, Pose, Mat, double, Vec, double>())
+      .def("combine", &MechanismSystem::combine, "combination"_a)
+      .def("aim", &MechanismSystem::aim, "t"_a, "p"_a, "v"_a)
       .def("add_distance", adds<DistanceRow, int, Pose, int, Pose, double>())
       .def("add_drive", adds<DriveRow, Place, double, Numbers>())
       .def("add_coupling", adds<CouplingRow, Place, Place, double, Vec>())

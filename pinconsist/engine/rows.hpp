@@ -27,12 +27,13 @@ struct Rows {
   // Rows whose force has another direction than W, see SlidingRow: what is added to Gᵀ at `at`, and to ∂f/∂v.
   virtual bool slides() const { return false; }
   virtual void add_friction(const Vec &, int, Mat &) const {}
-  virtual void add_turning(const Vec &, double, Mat &) const {}
+  virtual void add_turning(const Vec &, const Vec &, int, Mat &) const {}
   virtual void step_ended(const Vec &) {}
   // Moves the point of body 1 or 2 between which the rows are, in the axes of its joint; false if there is none.
   virtual bool place(int, const Vector3d &) { return false; }
+  // The direction is that of this velocity, of rows evaluated last.
+  virtual void aim(const Vec &) {}
 };
-
 
 // Of a joint with these velocities, its body relative to the parent.
 inline Six joint_twist(const Model &model, const Data &data, int joint, const Vec &v) {

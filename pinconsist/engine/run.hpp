@@ -357,6 +357,7 @@ private:
   bool search_step(Events &events) {
     nb::gil_scoped_acquire holds; // once for all looks
     unseen_ = self().looks();
+    events.begin_step();
     while (true) {
       if (!look_on(events)) return is_singular(events.end);
       if (!events.changed) return true;

@@ -126,7 +126,7 @@ void bind_events(nb::module_ &m) {
       .def("add_gap", &ContactWatch::add_gap, "row"_a, "level"_a)
       .def("add_push", &ContactWatch::add_push, "place"_a)
       .def("add_cone", &ContactWatch::add_cone, "place"_a, "beside"_a, "friction"_a)
-      .def("add_speed", &ContactWatch::add_speed, "row"_a, "direction"_a, "level"_a);
+      .def("add_speed", &ContactWatch::add_speed, "row"_a, "direction"_a, "still"_a);
   nb::class_<KeptRows>(m, "KeptRows")
       .def(nb::init<MechanismSystem &, std::vector<int>, const Vec &, double>(), "all"_a, "kept"_a, "scales"_a, "t"_a, nb::keep_alive<1, 2>());
   nb::class_<Events>(m, "Events")

@@ -20,8 +20,9 @@ public:
   void add_cone(int place, std::vector<int> beside, double friction) {
     watched_.push_back({Kind::cone, place, std::move(beside), friction, {}});
   }
-  // The speed of sliding of rows from `row` on, along `direction`, above `level`.
-  void add_speed(int row, const Vec &direction, double level) { watched_.push_back({Kind::speed, row, {}, level, direction}); }
+  // The speed of sliding of rows from `row` on, along `direction`; of two rows, along their direction at the start of each
+  // step, if they slide faster than `still`.
+  void add_speed(int row, const Vec &direction, double still) { watched_.push_back({Kind::speed, row, {}, still, direction}); }
 
   size_t size() const { return watched_.size(); }
   bool is_gap(size_t i) const { return watched_[i].kind == Kind::gap; }
@@ -39,7 +40,17 @@ public:
     }
     evaluate(t, p, v);
     if (of.kind == Kind::gap) return now_.gap[of.row] - of.number;
-    return of.direction.dot(now_.rate.segment(of.row, of.direction.size())) - of.number;
+    return of.direction.dot(now_.rate.segment(of.row, of.direction.size()));
+  }
+
+  // A step begins where the last look was.
+  void begin_step() {
+    for (Watched &of : watched_) {
+      if (of.kind != Kind::speed || of.direction.size() < 2 || !now_.rate.size()) continue;
+      const auto slip = now_.rate.segment(of.row, of.direction.size());
+      const double speed = slip.norm();
+      if (speed > of.number) of.direction = slip / speed;
+    }
   }
 
   // The next look is at a later time than the last one.

@@ -32,6 +32,7 @@ from .checks import frame_of, name, number, put, put_checked, triple
 from .joint_constraints import Coordinate
 from .lie import integrate
 from .loops import GROUND
+from .names import velocity_units
 
 PLACES = 5  # random configurations at which tangents are compared
 VANISHES = 1e-9  # relative motion along a tangent, relative to the largest, that counts as none
@@ -359,7 +360,7 @@ class LimitElement(Element):
         super().__init__(record, side)
         self._numbers = joint.place, sign, limit, 0.0
         self.labels = (side,)
-        self.column, self.sign = joint.column, sign
+        self.column, self.sign, self.limit = joint.column, sign, limit
 
     def add(self, compiled, rows=None, at=None):
         compiled.add_limit(*self._numbers)
@@ -494,3 +495,12 @@ def checked_contacts(model, contacts, loops) -> tuple[Any, ...]:
 def elements_of(model, contacts) -> list[Element]:
     """The elements of contacts on a model."""
     return [element for record in contacts for element in record.elements(model)]
+
+
+def contact_units(mechanism, name) -> tuple[str, str]:
+    """The units of the gap and of the force of a contact, by the name of its record or of a stop."""
+    for element in mechanism.contact_elements:
+        if name in (element.name, element.record.name):
+            gap = velocity_units(mechanism.model)[element.column] if element.of_joint else "m"
+            return gap, {"rad": "N·m", "m": "N"}[gap]
+    raise KeyError(name)

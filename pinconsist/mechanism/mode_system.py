@@ -12,6 +12,8 @@ from .system import MechanismSystem
 OPEN, CLOSED, STICK, SLIP = "open", "closed", "stick", "slip"
 DEPENDENT = 1e-6  # remainder of a row, relative to its length, below which it depends on those before it
 SHARED = 1e-9  # relative error of forces that are distributed among dependent rows
+EQUAL = 1e-6  # relative difference of remainders that are as large
+APART = 1e-9  # part of a gap in a dependence of unit length below which it has none
 NO_ROW = 1e-9  # length of a row, relative to the longest, that is rounding
 
 
@@ -31,14 +33,26 @@ def first_rows(elements) -> np.ndarray:
     return np.concatenate(([0], np.cumsum([each.size for each in elements]))).astype(int)
 
 
+class Shared(NamedTuple):
+    """Gaps whose rows depend on each other, as those of four legs: r combinations of their rows are constraints.
+
+    `members` are the k elements, `shares` (k, r) their parts in each multiplier, from `place` on. The forces are those
+    of smallest norm: of supports that yield equally.
+    """
+
+    members: tuple[int, ...]
+    shares: np.ndarray
+    place: int
+
+
 class ModeSystem(MechanismSystem):
     """The system of `base`, which has the loops and forces, with the rows of `elements` in their `modes`.
 
     `every` is a compiled system with all rows of the elements. `J` has the kept rows of the loops and then the rows of
-    all elements, at the position at which the mode begins, by which independent ones are kept: first the gaps, then
-    tangents, then the friction of joints. ``redundant`` says whether some were left out; ``used`` has for each element
-    the kept ones of its rows and their places among the multipliers. Contacts that slide more slowly than `still` keep
-    their direction.
+    all elements, at the position at which the mode begins, by which independent ones are kept: first the gaps, which
+    share their forces if they depend on each other, then tangents, then the friction of joints. ``redundant`` says
+    whether some depend on others; ``used`` has for each element the kept ones of its rows and their places among the
+    multipliers, ``shared`` the rest of the gaps. Contacts that slide more slowly than `still` keep their direction.
     """
 
     def __init__(self, base: MechanismSystem, elements, every, modes, J, still: float):
@@ -46,7 +60,7 @@ class ModeSystem(MechanismSystem):
         self._base, self.elements, self.every, self.modes = base, elements, every, tuple(modes)
         self._start, self.still = J, still
         self.firsts = first_rows(elements)
-        chosen, self.redundant = _independent(J[: base.nc], self._wanted(), J[base.nc :])
+        chosen, groups, self.redundant = _independent(J[: base.nc], self._wanted(), J[base.nc :])
         self.used: dict[int, dict[int, int]] = {}
         place = base.nc
         for i, mode in enumerate(self.modes):
@@ -54,6 +68,11 @@ class ModeSystem(MechanismSystem):
             if rows and mode.kind != OPEN:
                 self.used[i] = {row: place + k for k, row in enumerate(rows)}
                 place += len(rows)
+        self.shared: list[Shared] = []
+        for rows, shares in groups:
+            members = tuple(int(np.searchsorted(self.firsts, row, side="right")) - 1 for row in rows)
+            self.shared.append(Shared(members, shares, place))
+            place += shares.shape[1]
         self.nc = place
 
     @property
@@ -76,15 +95,23 @@ class ModeSystem(MechanismSystem):
         """The same mode with other rows of the loops."""
         return ModeSystem(base, self.elements, self.every, self.modes, self._start, self.still)
 
+    def aimed(self, q, v) -> ModeSystem:
+        """The same mode, in which contacts slide in the directions of a velocity."""
+        modes = [
+            mode._replace(direction=tuple(self.directions(i, q, v, mode.direction)))
+            if mode.kind == SLIP and self.elements[i].tangents == 2
+            else mode
+            for i, mode in enumerate(self.modes)
+        ]
+        return ModeSystem(self.base, self.elements, self.every, modes, self._start, self.still)
+
     @property
     def lacking(self) -> set[int]:
-        """The closed elements whose row of the gap was left out, or which stick with fewer rows than they have."""
+        """The elements that stick with fewer rows than they have tangents."""
         return {
             i
             for i, (element, mode) in enumerate(zip(self.elements, self.modes, strict=True))
-            if mode.kind != OPEN
-            and len(self.used.get(i, ())) < element.pushes + element.tangents * (mode.kind == STICK)
-            and (element.pushes or mode.kind == STICK)
+            if mode.kind == STICK and len(self.used.get(i, {}).keys() - {0}) < element.tangents
         }
 
     def hand_over(self, compiled):
@@ -95,6 +122,13 @@ class ModeSystem(MechanismSystem):
                 element.add_sliding(compiled, mode.direction, self.still)
             else:
                 element.add(compiled, tuple(rows), mode.at or None)
+        for members, shares, _ in self.shared:
+            for i in members:
+                if self.modes[i].kind == SLIP:
+                    self.elements[i].add_sliding(compiled, self.modes[i].direction, self.still)
+                else:
+                    self.elements[i].add(compiled, (0,))
+            compiled.combine(shares.T)
         self.hand_over_forces(compiled)
 
     def hand_over_forces(self, compiled):
@@ -122,13 +156,15 @@ class ModeSystem(MechanismSystem):
         """
         loops = self.base.full_multipliers(q, np.ascontiguousarray(lam[..., : self.base.nc]), complete)
         own = np.zeros((*lam.shape[:-1], int(self.firsts[-1])))
+        for members, shares, place in self.shared:
+            own[..., self.firsts[list(members)]] = lam[..., place : place + shares.shape[1]] @ shares.T
         for i, (element, mode) in enumerate(zip(self.elements, self.modes, strict=True)):
             first = self.firsts[i]
             for row, place in self.used.get(i, {}).items():
                 own[..., first + row] = lam[..., place]
             if mode.kind == SLIP:
                 self._slide(own[..., first : self.firsts[i + 1]], i, element, mode, q, v)
-        if self.lacking:
+        if self.redundant:
             self._share(q, own)
         return np.concatenate((loops, own), axis=-1)
 
@@ -140,7 +176,7 @@ class ModeSystem(MechanismSystem):
                 continue
             R = self.every.rows(position)[1]
             total = forces[rows] @ R[rows]
-            shares = solve(R[rows] @ R[rows].T, -R[rows] @ total, blocks)[0]
+            shares = solve(R[rows] @ R[rows].T, -R[rows] @ total, blocks, shared=True)[0]
             if np.abs(shares @ R[rows] - total).max() <= SHARED * np.abs(total).max():
                 forces[rows] = shares
 
@@ -182,13 +218,18 @@ class ModeSystem(MechanismSystem):
         own[..., 1:] = -element.kinetic * own[..., :1] * direction
 
     def directions(self, i, q, v, otherwise):
-        """The directions in which the element slides, of one row or a stack of rows."""
+        """The directions in which the element slides, of one row or a stack of rows in order of time.
+
+        Where it is too slow to have one, that of the row before, or `otherwise` of the first.
+        """
         first, found = self.firsts[i] + 1, np.array(otherwise, float)
         rows = [(q, v)] if np.ndim(v) == 1 else list(zip(q, v, strict=True))
+        last = np.reshape(found, (-1, 2))[0]
         for k, (position, velocity) in enumerate(rows):
             slip = self.every.evaluate(0.0, position, velocity, np.zeros(self.nv))[3][first : first + 2]
             if (speed := float(np.linalg.norm(slip))) > self.still:
-                found[(k,) if found.ndim > 1 else ...] = slip / speed
+                last = slip / speed
+            found[(k,) if found.ndim > 1 else ...] = last
         return found
 
     def reselected(self, q):
@@ -203,30 +244,72 @@ class ModeSystem(MechanismSystem):
             for own, place in rows.items():
                 if place == row:
                     return f"contact {self.elements[i].name!r} row {self.elements[i].labels[own]}"
+        for members, shares, place in self.shared:
+            if 0 <= row - place < shares.shape[1]:
+                return f"contacts {', '.join(repr(self.elements[i].name) for i in members)} rows n"
         return super().describe_row(row)
 
 
 def _independent(loops, classes, J):
-    """The indices of independent rows of J, (n, nv), and whether some of the wanted ones depend on others.
+    """The independent rows of J, (n, nv), the gaps that depend on each other, and whether some rows are not used.
 
-    `loops` are rows that are kept in any case. Of each class the row with the largest remainder comes first.
+    The gaps are the first of the classes; see :func:`dependent_gaps`. `loops` are rows that are kept in any case. Of
+    the other classes the row with the largest remainder comes first; where several are as large, the first of them.
     """
     lengths = np.linalg.norm(J, axis=1) if len(J) else np.zeros(0)
     longest = lengths.max(initial=0.0)
-    basis = np.linalg.qr(loops.T)[0] if len(loops) else np.zeros((J.shape[1], 0))
-    kept, dependent = [], False
-    for rows in classes:
+    gaps = classes[0]
+    groups = [([gaps[k] for k in members], shares) for members, shares in dependent_gaps(loops, J[gaps])]
+    dependent = bool(groups)
+    kept = [row for row in gaps if not any(row in rows for rows, _ in groups)]
+    basis = np.linalg.qr(np.vstack((loops, J[kept], *(shares.T @ J[rows] for rows, shares in groups))).T)[0]
+    for rows in classes[1:]:
         left = {row: J[row] / lengths[row] for row in rows if lengths[row] > NO_ROW * longest}
         dependent |= len(left) < len(rows)
         while left:
             for row in left:
                 for _ in range(2):
                     left[row] = left[row] - basis @ (basis.T @ left[row])
-            row = max(left, key=lambda row: float(np.linalg.norm(left[row])) + 1e-9 * (row == rows[0]))
-            size = float(np.linalg.norm(left[row]))
-            if size < DEPENDENT:
+            sizes = {row: float(np.linalg.norm(rest)) for row, rest in left.items()}
+            most = max(sizes.values())
+            if most < DEPENDENT:
                 dependent = True
                 break
+            row = next(row for row, size in sizes.items() if size >= (1.0 - EQUAL) * most)
             kept.append(row)
-            basis = np.column_stack((basis, left.pop(row) / size))
-    return sorted(kept), dependent
+            basis = np.column_stack((basis, left.pop(row) / sizes[row]))
+    return sorted(kept), groups, dependent
+
+
+def dependent_gaps(loops, N) -> list[tuple[list[int], np.ndarray]]:
+    """The rows of gaps N, (k, nv), that depend on each other and on `loops`: groups, each with its shares (k, r).
+
+    The r columns span the rates that the gaps of the group can have, and so the forces of smallest norm.
+    """
+    if not len(N):
+        return []
+    basis = np.linalg.qr(loops.T)[0] if len(loops) else np.zeros((N.shape[1], 0))
+    rest = N
+    for _ in range(2):
+        rest = rest - (rest @ basis) @ basis.T
+    lengths = np.linalg.norm(N, axis=1)
+    lengths = np.maximum(lengths, NO_ROW * max(lengths.max(), 1e-300))
+    U, sizes, _ = np.linalg.svd(rest / lengths[:, None])
+    rank = int(np.sum(sizes >= DEPENDENT))
+    if rank == len(N):
+        return []
+    none = np.linalg.qr(U[:, rank:] / lengths[:, None])[0]
+    projector = none @ none.T
+    together = np.abs(projector) > APART
+    groups, left = [], [i for i in range(len(N)) if together[i, i]]
+    while left:
+        members, found = [], [left[0]]
+        while found:
+            i = found.pop()
+            left.remove(i)
+            members.append(i)
+            found += [j for j in left if together[i, j] and j not in found]
+        members.sort()
+        own, vectors = np.linalg.eigh(np.eye(len(members)) - projector[np.ix_(members, members)])
+        groups.append((members, vectors[:, own > 0.5]))
+    return groups

@@ -279,6 +279,10 @@ class MechanismSystem(Index3System):
     def n_multipliers(self):
         return self.rows.nc
 
+    def aimed(self, q, v):
+        """The system in which contacts slide in the directions of a velocity."""
+        return self
+
     def full_multipliers(self, q, lam, complete=None, v=None):
         """λ of all rows, shape (nc,): the vector of smallest norm with the same joint forces Jᵀλ; also for many states.
 

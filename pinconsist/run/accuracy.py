@@ -19,7 +19,7 @@ from ..mechanism.names import velocity_names, velocity_units
 from ..mechanism.pulses import brief_times
 from ..mechanism.rows import Workspace
 from ..mechanism.system import MechanismSystem
-from .contact_results import ContactHistory, EquationsInModes, measured_in_modes
+from .contact_results import ContactHistory, EquationsInModes, measured_in_modes, too_slow
 from .control import ErrorControl
 from .integrate import integrate
 from .options import Options, looking
@@ -164,6 +164,7 @@ def global_error(solution, finer: FinerRun) -> GlobalError:
     error_force = np.abs(ours - exact_forces(system, (sides, *other), finer.contacts))
     if contacts is not None:  # where a contact has closed in one run and not yet in the other
         error_force[[contacts.at(time) != finer.contacts.at(time) for time in t]] = 0.0
+        error_force[too_slow(system.mechanism, contacts, t, q, v)] = 0.0
     for error in (error_q, error_v, error_force):
         error[finer.apart] = 0.0
     others = largest(system.evaluate(t[0], q[0], v[0], np.zeros(system.nv))[0])
@@ -372,8 +373,8 @@ class Equations:
     def __init__(self, mechanism, solution):
         self._mechanism, self._solution, self._index1 = mechanism, solution, None
 
-    def at(self, t, q) -> Index1:
-        """The equations near a state."""
+    def at(self, t, q, v=None) -> Index1:
+        """The equations near a state; they are the same for all velocities."""
         known, sol = self._index1, self._solution
         fresh = MechanismSystem(self._mechanism, q, t) if known is None else known.system.reselected(q)
         if known is None and fresh.breakpoints and len(sol.t):
@@ -394,7 +395,7 @@ def accelerations(mechanism, solution, t, q, v):
     """Accelerations of the equations of motion at several states of a solution, shape (n, nv)."""
     found, equations = np.empty(v.shape), equations_of(mechanism, solution)
     for row, *state in zip(found, t, q, v, strict=True):
-        row[:] = equations.at(*state[:2]).acceleration(*state)[0]
+        row[:] = equations.at(*state).acceleration(*state)[0]
     return found
 
 

@@ -12,9 +12,10 @@ from ..engine.index1 import Index1
 from ..engine.norms import largest
 from ..engine.systems import blank_system, compiled_system
 from ..errors import InputError
+from ..mechanism.breakpoints import jump_offset
 from ..mechanism.checks import near, read_only
-from ..mechanism.contacts import DistanceElement, PlaneElement
-from ..mechanism.mode_system import OPEN, STICK, Mode, ModeSystem, first_rows
+from ..mechanism.contacts import DistanceElement, PlaneElement, contact_units
+from ..mechanism.mode_system import CLOSED, OPEN, SLIP, STICK, Mode, ModeSystem, first_rows
 from ..mechanism.names import velocity_units
 from ..mechanism.rows import LoopRows
 from ..mechanism.system import MechanismSystem
@@ -130,7 +131,9 @@ class ContactHistory:
                     tables.append(table)
             impacts += [each for each in part.impacts if each.t <= end]
         first = parts[0][0]
-        return ContactHistory(first.names, tuple(starts), tuple(tables), tuple(impacts), first.still)
+        return ContactHistory(
+            first.names, tuple(starts), tuple(tables), tuple(impacts), max(part.still for part, _ in parts)
+        )
 
     def of_rows(self, t) -> np.ndarray:
         """The index of the table that holds at each row: of several rows at a time of change, the later ones."""
@@ -143,6 +146,15 @@ class ContactHistory:
             before = [changes[0] - 1] * max(1, len(rows) - len(changes))
             found[rows] = [*before, *changes[len(changes) - len(rows) + len(before) :]]
         return np.maximum(found, 0)
+
+    def of_sided_rows(self, t) -> np.ndarray:
+        """The same, of rows whose times were shifted to their sides of the changes, see ``sided``."""
+        t, starts = np.asarray(t, float), np.array(self.starts)
+        apart = np.abs(t[:, None] - starts)
+        nearest = starts[np.argmin(apart, axis=1)]
+        nearest[apart.min(axis=1) > 2.0 * jump_offset(t)] = np.nan
+        several = np.array([np.count_nonzero(nearest == each) > 1 for each in nearest])
+        return self.of_rows(np.where(several, nearest, t))
 
     def modes(self, end) -> list[ContactMode]:
         """The time that each element spends in each mode, those of zero length left out."""
@@ -178,16 +190,27 @@ class EquationsInModes:
 
     def __init__(self, mechanism, history):
         self._mechanism, self._history, self._base = mechanism, history, None
-        self._known: dict[tuple, Index1] = {}
+        self._known: dict[tuple, tuple[Index1, int]] = {}
 
-    def at(self, t, q) -> Index1:
-        """The equations near a state."""
-        modes = self._history.tables[self._history.index(t)]
-        if (known := self._known.get(modes)) is None or known.system.reselected(q) is not None:
-            if self._base is None or known is not None:
-                self._base = MechanismSystem(self._mechanism, q, t)
-            system = mode_system(self._base, modes, t, q, self._history.still)
-            self._known[modes] = known = Index1(system)
+    def at(self, t, q, v, table=None) -> Index1:
+        """The equations near a state, in the mode of its time, or that of a `table` of the history.
+
+        What slides does so in the direction of the velocity; if it is too slow to have one, in that of the last call.
+        """
+        index1 = self._near(t, q, self._history.index(t) if table is None else table)
+        index1.compiled.aim(t, q, v)
+        return index1
+
+    def _near(self, t, q, table) -> Index1:
+        modes = self._history.tables[table]
+        known, of = self._known.get(modes, (None, table))
+        shares = known is not None and known.system.redundant and table != of
+        if known is not None and not shares and known.system.reselected(q) is None:
+            return known
+        if self._base is None or known is not None:
+            self._base = MechanismSystem(self._mechanism, q, t)
+        known = Index1(mode_system(self._base, modes, t, q, self._history.still))
+        self._known[modes] = known, table
         return known
 
 
@@ -231,6 +254,26 @@ def contact_motion(solution, mechanism, name) -> ContactMotion:
     return ContactMotion(name, solution.t, read_only(gap), read_only(force), read_only(slip), mode)
 
 
+KINDS = (OPEN, CLOSED, STICK, SLIP)
+
+
+def contact_columns(solution, mechanism):
+    """(name, unit, values) of the columns of contacts in tables."""
+    if solution.contacts is None:
+        return
+    for record in mechanism.contacts:
+        found = contact_motion(solution, mechanism, record.name)
+        of_gap, of_force = contact_units(mechanism, record.name)
+        if record.kind != "dry-friction":
+            yield f"gap.{record.name}", of_gap, found.gap
+        if found.force.ndim == 1:
+            yield f"force.{record.name}", of_force, found.force
+        else:
+            yield from ((f"force.{record.name}.{axis}", of_force, found.force[:, k]) for k, axis in enumerate("xyz"))
+        codes = "; ".join(f"{k} {kind}" for k, kind in enumerate(KINDS))
+        yield f"mode.{record.name}", codes, np.array([float(KINDS.index(kind)) for kind in found.mode])
+
+
 def rows_of(solution, mechanism, elements):
     """Positions and rates of all rows of elements at the rows of a solution, (n, m) each."""
     t, q, v = solution.t, solution.q, solution.v
@@ -265,19 +308,40 @@ def measured_in_modes(mechanism, history, states):
     sizes, of tangents that stick their motion, and of open gaps what is below zero.
     """
     equations, rows, acting = EquationsInModes(mechanism, history), [], 0.0
-    for t, q, v, lam in zip(*states, strict=True):
-        index1 = equations.at(t, q)
-        system, still = index1.system, np.zeros(len(v))
-        exact = system.full_multipliers(q, index1.acceleration(t, q, v)[1], v=v)
-        gap, J = system.loop_rows(q, t)
-        f = index1.compiled.evaluate(t, q, v, still)[0]
-        _, phi, R, rates = system.every.evaluate(t, q, v, still)
-        gaps, hidden = _violations(system, phi, rates)
-        every = np.vstack((J, R))
-        hidden = np.concatenate((J @ v + system.rows.time_rate(t, q), hidden))
-        rows.append((np.concatenate((gap, gaps)), hidden, every.T @ lam, every.T @ exact))
-        acting = max(acting, largest(f), largest(system.weights(q, v)))
+    tables = history.of_sided_rows(states[0])
+    for part in np.split(np.arange(len(tables)), 1 + np.flatnonzero(np.diff(tables))):
+        t, q, v, lam = (column[part] for column in states)
+        found, exact = [], []
+        for state in zip(t, q, v, strict=True):
+            index1 = equations.at(*state, tables[part[0]])
+            system, still = index1.system, np.zeros(len(state[2]))
+            exact.append(index1.acceleration(*state)[1])
+            gap, J = system.loop_rows(state[1], state[0])
+            acting = max(acting, largest(index1.compiled.evaluate(*state, still)[0]))
+            acting = max(acting, largest(system.weights(*state[1:])))
+            _, phi, R, rates = system.every.evaluate(*state, still)
+            gaps, hidden = _violations(system, phi, rates)
+            hidden = np.concatenate((J @ state[2] + system.rows.time_rate(*state[:2]), hidden))
+            found.append((np.concatenate((gap, gaps)), hidden, np.vstack((J, R))))
+        if found:
+            exact = system.full_multipliers(q, np.array(exact), v=v)
+        rows += [
+            (gaps, hidden, every.T @ ours, every.T @ theirs)
+            for (gaps, hidden, every), ours, theirs in zip(found, lam, exact, strict=True)
+        ]
     return *(np.array(column) for column in zip(*rows, strict=True)), None, acting
+
+
+def too_slow(mechanism, history, t, q, v) -> np.ndarray:
+    """Mask of the rows at which some contact slides so slowly that the direction of its friction is not known."""
+    elements = mechanism.contact_elements
+    firsts, found = first_rows(elements), np.zeros(len(t), bool)
+    rates = all_rows(elements, mechanism.model).residuals(t, q, v, np.zeros((len(t), int(firsts[-1]))))[1]
+    for row, table in enumerate(history.of_sided_rows(t)):
+        for i, (element, mode) in enumerate(zip(elements, history.tables[table], strict=True)):
+            slip = rates[row, firsts[i] + element.pushes : firsts[i + 1]]
+            found[row] |= mode.kind == SLIP and len(slip) == 2 and np.linalg.norm(slip) <= history.still
+    return found
 
 
 def _violations(system, phi, rates):

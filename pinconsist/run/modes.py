@@ -29,7 +29,7 @@ from ..engine.complementarity import Grip, Push, solve
 from ..engine.norms import EPS, largest
 from ..engine.systems import compiled_system
 from ..errors import InputError, PinconsistError
-from ..mechanism.mode_system import CLOSED, OPEN, SLIP, STICK, Mode, ModeSystem, first_rows
+from ..mechanism.mode_system import CLOSED, OPEN, SLIP, STICK, Mode, ModeSystem, dependent_gaps, first_rows
 from .contact_results import ContactImpact, all_rows
 
 TOUCHING = 1e-9  # gap at a start that counts as closed; deeper ones are errors
@@ -42,6 +42,8 @@ SLIDES = 1e-10  # speed of sliding, relative to velocities, that is none, in a p
 TIE = 1e-7  # of the largest force: at the end of a mode a smaller one is zero
 STICKS = 1e-9  # of the largest acceleration: a smaller one of sliding is none
 FLIGHT = 1e3  # roundings of the position: the height of flights that are not resolved
+LIKELY = 10.0  # tolerances: an error of velocities that runs have
+SLOWEST = 1e-7  # m/s: of slower sliding in three dimensions rounding decides the direction
 UNSOLVED = 1e-6  # residual of a complementarity problem that has no solution
 GAIN = 1e-9  # kinetic energy, relative, that an impact may gain by rounding
 AT_ONCE = 30  # changes of mode at one time after which a run ends
@@ -77,13 +79,13 @@ class Modes:
         self.base, self._rtol, self._atol = base, rtol, atol
         self.elements = base.mechanism.contact_elements
         self.firsts = first_rows(self.elements)
-        self.still = max(10.0 * atol, 1e-12)
         self.periods: list[Period] = []
         self.impacts: list[ContactImpact] = []
         self.every = all_rows(self.elements, base.model, base.workspace)
         self._loops = compiled_system(base)
         self._levels: list[float] = [0.0] * len(self.elements)
         self._speeds = np.zeros(len(self.elements))  # the largest of approach so far
+        self._fastest = 0.0  # the largest rate of all rows so far
         self._known: dict[tuple, ModeSystem] = {}
         self._at_once, self._last = 0, -np.inf
         self._told: list[str] = []
@@ -151,8 +153,23 @@ class Modes:
             state = self._rows(t, p, v)
             before = [mode if self._at_rest(state, i) else Mode() for i, mode in enumerate(before)]
         modes, v = self._decided(state, closed, fired, before)
+        held = [mode.kind == STICK and before[i].kind != STICK for i, mode in enumerate(modes)]
+        if any(held) and any(mode.kind == SLIP for mode in modes):
+            modes, v = self._with_the_held(state, v, modes, closed, fired)
         self._enter(t, p, state, modes)
         return p, v
+
+    def _with_the_held(self, state, v, modes, closed, fired):
+        """The modes again, without the velocities of what now sticks: the rest may have come to rest with it."""
+        rows = [self.firsts[i] for i in closed]
+        for i, mode in enumerate(modes):
+            if mode.kind == STICK:
+                rows += range(self.firsts[i] + self.elements[i].pushes, self.firsts[i + 1])
+        moved = state.pushed(v, rows)
+        if moved is None:
+            return modes, v
+        again = [mode if mode.kind == STICK else Mode() for mode in modes]
+        return self._decided(self._rows(state.t, state.p, moved), closed, fired, again)
 
     def _enter(self, t, p, state, modes):
         key = tuple(modes)
@@ -202,7 +219,14 @@ class Modes:
         return p
 
     def _rows(self, t, p, v) -> _Instant:
-        return _Instant(self, t, p, v)
+        state = _Instant(self, t, p, v)
+        self._fastest = max(self._fastest, largest(state.rates))
+        return state
+
+    @property
+    def still(self) -> float:
+        """The speed of sliding in three dimensions that is none: the tolerances allow it as an error."""
+        return max(LIKELY * (self._atol + self._rtol * self._fastest), SLOWEST)
 
     def _resting_speed(self, i, state) -> float:
         """The rate of a gap below which it rests after an impact."""
@@ -297,7 +321,7 @@ class Modes:
         kinetic = state.kinetic(state.v)
         for _ in range(60):
             b = u + factors * np.minimum(u, 0.0) * np.isin(np.arange(len(u)), list(at.values()))
-            impulses, _, left = solve(A, b, blocks)
+            impulses, _, left = solve(A, b, blocks, state.depend(closed))
             v = state.v + response @ impulses
             lost = kinetic - state.kinetic(v)
             if lost >= -GAIN * max(kinetic, state.kinetic(state.v - v)) or not factors.any():
@@ -413,7 +437,7 @@ class Modes:
                 watched.add_cone(used.get(0, -1) if element.pushes else -1, beside, element.static)
                 what.append((i, "cone"))
             if mode.kind == SLIP:
-                watched.add_speed(first + element.pushes, np.array(mode.direction), 0.0)
+                watched.add_speed(first + element.pushes, np.array(mode.direction), self.still)
                 what.append((i, "speed"))
         return watched, what
 
@@ -461,6 +485,10 @@ class _Instant:
         """The response of a row without the loops."""
         return float(self.R[row] @ np.linalg.lstsq(self.M, self.R[row], rcond=1e-13)[0])
 
+    def depend(self, closed) -> bool:
+        """Whether the gaps of these elements depend on each other."""
+        return len(closed) > 1 and bool(dependent_gaps(self.J_loops, self.R[self._modes.firsts[list(closed)]]))
+
     def pushed(self, v, rows):
         """The velocity nearest to `v` in the metric of M at which these rows have no rate; None if there is none."""
         A = self.R[rows] @ self.responses[:, rows]
@@ -498,7 +526,9 @@ class _Accelerations:
             first = modes.firsts[i] + element.pushes
             slip = state.rates[first : modes.firsts[i + 1]]
             speed = float(np.linalg.norm(slip))
-            if before[i].kind != STICK and i not in ended and speed > (flat if element.tangents == 1 else deep):
+            # where the direction has turned by a right angle, sliding has not ended
+            slides = speed > deep if element.tangents == 2 else speed > flat and i not in ended
+            if before[i].kind != STICK and slides:
                 self.sliding[i] = slip / speed
             else:
                 self.sticking.add(i)
@@ -541,7 +571,7 @@ class _Accelerations:
         b = state.R[rows] @ free + state.bias[rows]
         A = state.R[rows] @ np.column_stack(columns)
         self._scale = largest(b)
-        return solve(A, b, blocks)
+        return solve(A, b, blocks, state.depend(self._closed))
 
     def modes(self, z, u):
         """The modes of a solution."""

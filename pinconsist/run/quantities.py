@@ -15,6 +15,7 @@ import pinocchio as pin
 
 from ..errors import InputError
 from ..mechanism.checks import frame_of, near
+from ..mechanism.contacts import contact_units
 from ..mechanism.energy import integrals
 from ..mechanism.forces import bound_forces
 from ..mechanism.names import position_names, position_units, velocity_names, velocity_units
@@ -234,6 +235,9 @@ def _names(mechanism) -> dict[str, str]:
     found = dict.fromkeys(bound_forces(model, mechanism.forces), "force")
     found |= dict.fromkeys((frame.name for frame in model.frames), "position")
     found |= dict.fromkeys((loop.name for loop in mechanism.loops), "multipliers")
+    found |= dict.fromkeys(
+        (name for each in mechanism.contact_elements for name in (each.record.name, each.name)), "contact"
+    )
     return found | dict.fromkeys((*mechanism.joints, *position_names(model), *velocity_names(model)), "position")
 
 
@@ -387,6 +391,21 @@ def _multipliers(run, asked) -> Series:
     return Series(values[:, 0], unit) if len(labels) == 1 else Series(values, unit, labels)
 
 
+def _gap(run, asked) -> Series:
+    found = run.solution.contact(asked.name, run.passed)
+    return Series(found.gap, contact_units(run.scene, asked.name)[0])
+
+
+def _contact(run, asked) -> Series:
+    found, unit = run.solution.contact(asked.name, run.passed).force, contact_units(run.scene, asked.name)[1]
+    return Series(found, unit, AXES, vector=True) if found.ndim > 1 else Series(found, unit)
+
+
+def _slip(run, asked) -> Series:
+    found, unit = run.solution.contact(asked.name, run.passed).slip, contact_units(run.scene, asked.name)[0]
+    return Series(np.linalg.norm(found, axis=1), f"{unit}/s")
+
+
 def _energy(run, asked) -> Series:
     return Series(getattr(run.solution.energy(run.passed), asked.part), "J")
 
@@ -409,6 +428,9 @@ SERIES: dict[str, Callable[[_Run, Quantity], Series]] = {
     "length": _element(1),
     "speed": _element(2),
     "multipliers": _multipliers,
+    "gap": _gap,
+    "contact": _contact,
+    "slip": _slip,
     "energy": _energy,
     "error": _no_series,
 }

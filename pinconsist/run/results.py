@@ -24,7 +24,15 @@ from ..mechanism.peaks import HasPeaks
 from ..mechanism.reactions import Reaction, States, shared_rows
 from ..mechanism.rows import LoopRows, Workspace
 from .accuracy import accelerations
-from .contact_results import ContactHistory, ContactImpact, ContactMode, ContactMotion, contact_motion, row_units
+from .contact_results import (
+    ContactHistory,
+    ContactImpact,
+    ContactMode,
+    ContactMotion,
+    contact_columns,
+    contact_motion,
+    row_units,
+)  # fmt: skip
 from .states import states_at
 
 
@@ -311,10 +319,11 @@ class ByName:
         """A pandas DataFrame of the columns ``t``, ``q.crank``, ``v.crank``, ``a.crank`` and ``lam.loop.row``.
 
         `forces` names loops, joints of the tree and forces whose columns are added, in world axes:
-        ``force.boom_pin.x``, ``moment.boom_pin.x``, and of elements ``force.strut``, ``length.strut``. Its
-        ``attrs["units"]`` maps the columns to their units, and ``attrs["not_unique"]`` lists those that redundant loops
-        share, see :class:`Reaction`. `mechanism` is as in :meth:`check`. Raises MissingExtraError without pandas, and
-        InputError for other names.
+        ``force.boom_pin.x``, ``moment.boom_pin.x``, and of elements ``force.strut``, ``length.strut``. Contacts have
+        ``gap.heel``, ``force.heel.x`` in world axes or ``force.knee``, and ``mode.heel``: 0 open, 1 closed, 2 stick,
+        3 slip. Its ``attrs["units"]`` maps the columns to their units, and ``attrs["not_unique"]`` lists those that
+        redundant loops share, see :class:`Reaction`. `mechanism` is as in :meth:`check`. Raises MissingExtraError
+        without pandas, and InputError for other names.
         """
         return _dataframe(*self._table(mechanism, forces))
 
@@ -345,7 +354,12 @@ class ByName:
         units = ["s", *position_units(model), *(f"{u}/s" for u in units), *(f"{u}/s²" for u in units)]
         units += [{"rad": "N·m", "m": "N"}.get(unit, "") for unit in row_units(mechanism)]
         of_rows = [f"lam.{loop}.{row}" for loop, row in rows]
-        names, shared = names + of_rows, [of_rows[i] for i in shared_rows(self._states(mechanism, "to_csv"))]
+        names += of_rows
+        for column, unit, part in contact_columns(self, mechanism):
+            names.append(column)
+            units.append(unit)
+            values.append(part[:, None])
+        shared = [of_rows[i] for i in shared_rows(self._states(mechanism, "to_csv"))]
         for name in several(forces):
             for column, unit, part, unique in self._columns_of(name, mechanism):
                 names.append(column)

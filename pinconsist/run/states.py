@@ -39,7 +39,7 @@ def states_at(solution, times, mechanism=None):
         return q, v, lam
     equations = equations_of(mechanism, solution) if mechanism is not None else Index1(solution.system)
     for k, *near in zip(between, *_near(solution, times[between], rows[between], mechanism), strict=True):
-        index1 = equations.at(times[k], near[0]) if mechanism is not None else equations
+        index1 = equations.at(times[k], *near) if mechanism is not None else equations
         q[k], v[k] = index1.projected(times[k], *near)
         lam[k] = index1.system.full_multipliers(q[k], index1.acceleration(times[k], q[k], v[k])[1], v=v[k])
     return q, v, lam
@@ -107,8 +107,8 @@ class Steps:
         sol = self._solution
         (t0, t1), (q0, q1), (v0, v1) = (part[row : row + 2] for part in (sol.t, sol.q, sol.v))
         inner = np.sign(t1 - t0) * jump_offset(t0)
-        a0 = self._equations.at(t0, q0).acceleration(t0 + inner, q0, v0)[0]
-        index1 = self._equations.at(t1, q1)
+        a0 = self._equations.at(t0, q0, v0).acceleration(t0 + inner, q0, v0)[0]
+        index1 = self._equations.at(t1, q1, v1)
         a1, system = index1.acceleration(t1 - inner, q1, v1)[0], index1.system
         end = system.difference(q0, q1)
         rate, bent = v1, a1
@@ -126,7 +126,7 @@ class Steps:
         """By the same step once more."""
         sol = self._solution
         (t0, t1), (q0, q1), (v0, v1) = (part[row : row + 2] for part in (sol.t, sol.q, sol.v))
-        system = sol.system if self._mechanism is None else self._repeated.at(t0, q0).system
+        system = sol.system if self._mechanism is None else self._repeated.at(t0, q0, v0).system.aimed(q0, v0)
         method = self._method(row, t0, t1)
         output = Output(t_eval=np.append(times, t1), events=() if self._are_steps else sol._events)
         run = integrate(system, (t0, t1), q0, v0, method, output, stepper_for(system, method))

@@ -48,15 +48,15 @@ def box(width, height, *, friction=0.8, restitution=0.0):
     return pc.Mechanism(model, contacts=contacts, name="box", guess={"z": 0.5 * height})
 
 
-def table(legs, friction=0.5):
-    """A free body of 2 kg on points at (x, y, -0.5)."""
+def table(legs, friction=0.5, height=0.5):
+    """A free body of 2 kg on points at (x, y, -height)."""
     model = pin.Model()
     model.gravity.linear = np.array([0.0, 0.0, -G])
     add_body(model, 0, pin.JointModelFreeFlyer(), at(0, 0), "table", 2.0, (0, 0, 0), np.diag([0.1, 0.1, 0.2]))
     for i, (x, y) in enumerate(legs):
-        add_frame(model, 1, f"leg{i}", (x, y, -0.5))
+        add_frame(model, 1, f"leg{i}", (x, y, -height))
     contacts = [pc.Contact(f"leg{i}", f"leg{i}", friction=friction) for i in range(len(legs))]
-    return pc.Mechanism(model, contacts=contacts, name="table", guess={"table": [0, 0, 0.5, 0, 0, 0]})
+    return pc.Mechanism(model, contacts=contacts, name="table", guess={"table": [0, 0, height, 0, 0, 0]})
 
 
 def random_chain(seed):
@@ -102,3 +102,29 @@ def random_chain(seed):
             friction, restitution = rng.choice([0.0, 0.3, 0.8]), rng.choice([0.0, 0.5])
             contacts.append(pc.Contact(f"c{i}", f"tip{i}", offset=floor, friction=friction, restitution=restitution))
     return pc.Mechanism(model, loops, contacts=contacts, name=f"chain {seed}"), q, v
+
+
+def random_slide(seed):
+    """A puck, a body on three legs, or a box, that slides and turns on a floor or falls on it; q and v at the start."""
+    rng = np.random.default_rng(seed)
+    kind, slope = rng.integers(3), rng.choice([0.0, 0.2])
+    turned = rng.uniform(-0.3, 0.3)
+    legs = [
+        [(0.0, 0.0)],
+        [(0.4 * np.cos(angle), 0.4 * np.sin(angle)) for angle in turned + np.array([0.0, 2.1, 4.2])],
+        [(x, y) for x in (0.3, -0.3) for y in (0.25, -0.25)],
+    ][kind]
+    height = 0.2 if kind else 0.0
+    friction, restitution = rng.choice([0.1, 0.3, 0.6]), rng.choice([0.0, 0.4])
+    model = pin.Model()
+    model.gravity.linear = G * np.array([np.sin(slope), 0.0, -np.cos(slope)])
+    add_body(model, 0, pin.JointModelFreeFlyer(), at(0, 0), "body", 2.0, (0, 0, 0), np.diag([0.1, 0.1, 0.2]))
+    for i, (x, y) in enumerate(legs):
+        add_frame(model, 1, f"leg{i}", (x, y, -height))
+    contacts = [pc.Contact(f"leg{i}", f"leg{i}", friction=friction, restitution=restitution) for i in range(len(legs))]
+    pose = pin.SE3(np.eye(3), np.array([0.0, 0.0, height]))
+    if rng.random() < 0.5:  # it falls
+        pose = pin.SE3(pin.exp3(0.05 * rng.normal(size=3)), np.array([0.0, 0.0, height + 0.03]))
+        pose.translation[2] -= min(0.0, *(pose.act(np.array([x, y, -height]))[2] for x, y in [*legs, (0.0, 0.0)]))
+    v = [*rng.uniform(-1.5, 1.5, 2), 0.0, 0.0, 0.0, rng.uniform(-4.0, 4.0) * (kind > 0)]
+    return pc.Mechanism(model, contacts=contacts, name=f"slide {seed}"), pin.SE3ToXYZQUAT(pose), np.array(v)
