@@ -75,7 +75,7 @@ def test_bad_input_is_named(make, message):
 
 
 def test_derivatives_are_refused():
-    with pytest.raises(pc.InputError, match="a run with contacts has no derivatives"):
+    with pytest.raises(pc.InputError, match="a differentiated run does not support contacts"):
         pc.sensitivities(touching.ball(), ["mass:z"], (0.0, 1.0), {"z": 1.0})
 
 
