@@ -235,7 +235,7 @@ def test_times_after_the_run_do_not_matter():
     def build(theta):
         return four_bar().with_forces(pc.HeldTorque([0.0, 0.1, theta[0]], TORQUES, "crank"))
 
-    assert not pc.sensitivities(build, [0.7], (0.0, 0.2)).dq.any()
+    assert np.abs(pc.sensitivities(build, [0.7], (0.0, 0.2)).dq).max() < 1e-15
 
 
 def test_both_rows_of_a_jump_of_a_function_of_time():
