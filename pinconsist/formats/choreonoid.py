@@ -17,7 +17,7 @@ from xml.etree.ElementTree import tostring
 import numpy as np
 import pinocchio as pin
 
-from ..errors import FormatError
+from ..errors import FormatError, warn
 from ..mechanism.loops import Loop, unit
 from .closures import Closure
 from .extensions import pose, unique
@@ -67,6 +67,12 @@ _HARMLESS |= {
     "bboxCenter",
     "bboxSize",
 }
+_JOINT = {*_NAMES, "translation", "rotation", "children", "name", "llimit", "ulimit", *_HARMLESS}
+_SEGMENT = {"mass", "centerOfMass", "momentsOfInertia", "children", "name", "bboxCenter", "bboxSize", "coord"}
+_HUMANOID = {"humanoidBody", "joints", "segments", "sites", "name", "info", "version", "viewpoints", "translation"}
+_HUMANOID |= {"rotation", "scale", "center", "scaleOrientation", "bboxCenter", "bboxSize", "linkConnections"}
+_RIGID = {"type", "name", "mass", "centerOfMass", "inertia", "translation", "rotation", "elements"}
+_EXTRA_JOINT = {"link1Name", "link2Name", "link1LocalPos", "link2LocalPos", "jointType", "jointAxis", "name"}
 _SHAPES = ("Shape", "Transform", "Group", "Visual", "Collision", "Resource", "Inline")
 _DEVICES = (
     "Camera",
@@ -198,6 +204,9 @@ def _extra(given, number, taken) -> Extra:
         known = ", ".join(_EXTRA)
         cure = "write it as hinge, or ball" if word in ("xy", "piston", "prismatic") else "mend the file"
         raise FormatError(f"the type {word[:40]!r} is not one of {known}; {cure}", element=element)
+    for key in set(given) - _EXTRA_JOINT:
+        if not key.startswith("link"):
+            warn(f"{element}: {key[:60]!r} is not known and has no effect")
     for end in (1, 2):
         if f"link{end}LocalRotation" in given:
             raise FormatError(f"link{end}LocalRotation is not supported", element=element)
@@ -317,6 +326,8 @@ def _inside(elements, place, element, radian, ignored, depth) -> pin.Inertia:
             raise FormatError(f"{short_repr(each)} is not an element", element=element)
         kind = str(each.get("type", ""))
         if kind == "RigidBody":
+            for key in set(each) - _RIGID:
+                ignored.add(f"<{key[:60]}> of a RigidBody")
             own = place * _place(each, element, radian)
             total = total + own.act(_inertia(each, "inertia", element))
         elif kind in _SHAPES or kind.startswith("RigidBody"):
@@ -354,13 +365,21 @@ def _of_vrml(content, path) -> Contents:
         raise FormatError("there is no Humanoid node, whose humanoidBody has the joints of OpenHRP")
     if body.nodes("linkConnections"):
         raise FormatError("linkConnections are not supported; write them as ExtraJoint", element="Humanoid")
+    _count_fields(body, _HUMANOID, found.ignored)
     for joint in body.nodes("humanoidBody"):
         _visit(joint, WORLD, found, 0)
     for number, node in enumerate((each for each in nodes if each.type == "ExtraJoint"), start=1):
         given = {key: value for key, value in node.items()} | {"name": node.label}
         given |= {key: node.word(key) for key in ("link1Name", "link2Name", "jointType")}
+        _count_fields(node, _EXTRA_JOINT, found.ignored)
         found.extra.append(_extra(given, number, [one.name for one in found.extra]))
     return found
+
+
+def _count_fields(node, known, ignored):
+    for key in node:
+        if key not in known:
+            ignored.add(f"<{key[:60]}> of {node.type}")
 
 
 def _visit(node: Vrml, parent, found, depth):
@@ -373,7 +392,9 @@ def _visit(node: Vrml, parent, found, depth):
     if not name:
         raise FormatError("a Joint has no name (DEF)")
     inertia = pin.Inertia.Zero()
+    _count_fields(node, _JOINT, found.ignored)
     for segment in (each for each in node.nodes("children") if each.type == "Segment"):
+        _count_fields(segment, _SEGMENT, found.ignored)
         inertia = inertia + _inertia(segment, "momentsOfInertia", element)
     kind, limits = node.word("jointType").lower(), []
     for key in ("llimit", "ulimit"):

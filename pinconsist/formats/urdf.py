@@ -18,6 +18,7 @@ import pinocchio as pin
 from ..errors import FormatError, warn
 from .drake import joints_in_urdf
 from .extensions import LOOP_TAGS, WORLDS, left_out, sorted_records
+from .grammar import URDF, count_unknown
 from .ignored import COLLISIONS, LIMITS, Ignored
 from .joints import AS_WRITTEN, replaced
 from .plausible import angles_of, inertias_of, limits_of, warn_of_degrees, warn_of_inertias, warn_of_limits
@@ -102,6 +103,7 @@ def _ignored(raw: Element) -> Ignored:
         ignored.add("safety controller", joint.find("safety_controller") is not None)
         ignored.add_unknown(joint, (*_JOINT, *HARMLESS), "joints")
     count_extensions(raw, ignored)
+    count_unknown(raw, URDF, ignored)
     return ignored
 
 

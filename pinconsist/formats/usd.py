@@ -55,6 +55,9 @@ _SOLIDS = {
     "capsule": solids.capsule,
     "cone": solids.cone,
 }
+_BESIDE = ("xformOp", "primvars:", "ui:", "userProperties:", "material:", "collection:", "omni:", "drive:", "limit:")
+_BESIDE += ("newton:", "mjc:", "physx", "pinconsist:", "extent", "visibility", "purpose", "proxyPrim", "display")
+"""Beginnings of properties that only show a prim, are read here, or belong to schemas that are counted."""
 _OTHERS = ("Mjc", "Newton", "Physx")  # prims of simulators
 _PLAIN = ("Physics", "Geom", "Material", "Semantics", "Visibility", "Isaac", "Shader", "Collection", "CoordSys")
 _KNOWN = ("PhysxRigidBodyAPI", "PhysxJointAPI", "PhysxMimicJointAPI", "PhysxArticulationAPI", "PhysxCollisionAPI")
@@ -633,6 +636,18 @@ class _Stage:
                     plain = schema.partition(":")[0]
                     if not plain.startswith(_PLAIN) and plain not in _KNOWN:
                         self.counted.add(f"<{plain}>")
+                for name in self._strange(prim):
+                    self.counted.add(f"<{name[:60]}>")
+
+    def _strange(self, prim) -> list[str]:
+        """Properties of a body or joint that belong to no schema that it has, and to no program that only shows it."""
+        known = set(map(str, prim.GetPrimDefinition().GetPropertyNames()))
+        spaces = {schema.partition(":")[0].removesuffix("API").lower() for schema in self._schemas(prim)}
+        names = map(str, prim.GetAuthoredPropertyNames())
+        return [
+            name for name in names
+            if name not in known and name.partition(":")[0].lower() not in spaces and not name.startswith(_BESIDE)
+        ]  # fmt: skip
 
     def _schemas(self, prim) -> list[str]:
         """The names of all applied schemas, also of those that usd-core does not know."""

@@ -63,6 +63,32 @@ _KNOWN |= {
     "Damping",
     "Color",
 }
+_PARAMETERS = """position axis anchor minStop maxStop springConstant dampingConstant staticFriction stopERP stopCFM
+suspensionSpringConstant suspensionDampingConstant suspensionAxis""".split()
+_OF_JOINTS = [f"{word}{number}" for word in ("device", "jointParameters", "position") for number in ("", "2", "3")]
+_FIELDS: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(_JOINTS, (*_OF_JOINTS, "endPoint")),
+    **dict.fromkeys(("HingeJointParameters", "JointParameters", "BallJointParameters"), tuple(_PARAMETERS)),
+    "Physics": ("density", "mass", "centerOfMass", "inertiaMatrix", "damping"),
+    "SolidReference": ("solidName",),
+    "Solid": tuple("""translation rotation scale name model description contactMaterial immersionProperties
+        boundingObject physics locked radarCrossSection recognitionColors translationStep rotationStep children
+        linearVelocity angularVelocity scaleStep""".split()),
+    "WorldInfo": tuple("""info title window gravity CFM ERP physics basicTimeStep FPS optimalThreadCount
+        physicsDisableTime physicsDisableLinearThreshold physicsDisableAngularThreshold defaultDamping inkEvaporation
+        coordinateSystem gpsCoordinateSystem gpsReference lineScale dragForceScale dragTorqueScale randomSeed
+        contactProperties northDirection""".split()),
+    "RotationalMotor": tuple("""name acceleration consumptionFactor controlPID minPosition maxPosition maxVelocity
+        maxTorque multiplier sound muscles""".split()),
+    "LinearMotor": tuple("""name acceleration consumptionFactor controlPID minPosition maxPosition maxVelocity maxForce
+        multiplier sound muscles""".split()),
+}  # fmt: skip
+_FIELDS["Robot"] = _FIELDS["Supervisor"] = (
+    *_FIELDS["Solid"],
+    *"""controller controllerArgs customData supervisor
+synchronization battery cpuConsumption selfCollision window remoteControl showWindow data kinematic""".split(),
+)
+"""Node → the fields that it has in Webots."""
 _STARTING = 1e-12
 _PARALLEL = 1e-6
 
@@ -320,6 +346,7 @@ class _World:
             down = -np.eye(3)[1 if system == "NUE" else 2]
             self.gravity = info.number("gravity", 9.81) * down
         for node in nodes:
+            _count_fields(node, self.counted, 0)
             self._visit(node, WORLD, pin.SE3.Identity(), 0)
         for make in self._references:
             self.joints.append(make())
@@ -466,6 +493,25 @@ class _World:
                 sizes = {"radius": text(geometry.number("radius", 0.1)), "length": text(geometry.number("height", 0.2))}
                 add_visual(links[body], place, "cylinder", sizes)
         return tostring(robot, encoding="unicode")
+
+
+def _count_fields(node, counted, depth):
+    """Count the fields that a node does not have in Webots, and suspensions, which do not act."""
+    if depth > DEEPEST:
+        return
+    for field, value in node.items():
+        known = _FIELDS.get(node.type)
+        if known is not None and field not in known and not field.startswith("hidden "):
+            counted.add(f"<{field[:60]}> of {node.type}")
+        if (
+            field.startswith("suspension")
+            and field != "suspensionAxis"
+            and finite(str(value)) != 0.0
+            and value != ["0"]
+        ):
+            counted.add("suspension of a joint")
+        for each in node.nodes(field):
+            _count_fields(each, counted, depth + 1)
 
 
 def _has_bodies(node, depth=0) -> bool:

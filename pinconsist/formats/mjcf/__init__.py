@@ -19,6 +19,7 @@ import logging
 import os
 import re
 from dataclasses import dataclass
+from functools import cache
 from hashlib import sha256
 from itertools import pairwise
 from math import prod
@@ -30,6 +31,8 @@ import pinocchio as pin
 
 from ...errors import FormatError, MissingExtraError
 from ...mechanism.checks import places
+from ..grammar import Known, count_unknown
+from ..ignored import Ignored
 from ..reading import RobotFile, asking_for, finite, located, log_left_out, parsed, read_bytes, short_repr, text
 from ..urdf import add_visual, fixed_links
 from .ignored import counted
@@ -61,7 +64,7 @@ def read(path: Path, name: str, folders, *, ignore=()) -> RobotFile:
     guess = {joint: start[places(tree.model, i)[0]] for i, joint in enumerate(joints, start=1)}
     shapes = _visible(compiled, stand_ins, tree.bodies, source.meshes)
     actuated = tuple(joint for joint, _ in actuators if joint)
-    ignored = counted(compiled, tree.off).lines()
+    ignored = (*counted(compiled, tree.off).lines(), *source.ignored.lines())
     return RobotFile(tree.model, shapes, closures, forces=forces, guess=guess, actuated=actuated, ignored=ignored)
 
 
@@ -170,6 +173,7 @@ class Source:
 
     def __init__(self, path: Path, folders, ignore=()):
         self.meshes: list[Mesh] = []
+        self.ignored = Ignored()
         self._ignore, self._gone = set(ignore), set()  # names to leave out, and those of what was left out
         self._folders = [Path(os.path.abspath(each)) for each in folders]
         self._texts: dict[str, list[Element]] = {}  # all elements of a text
@@ -190,10 +194,11 @@ class Source:
         self._include(root, files)
         if root.find("body") is not None:  # MuJoCo ignores it silently
             raise FormatError("<body> belongs in <worldbody>", path=self._files[root])
+        count_unknown(root, _schema(), self.ignored)
         keys = root.findall("keyframe/key") if name == _MAIN else []
         keys = [key for key in keys if "qpos" in key.attrib] or [key for key in keys if "ctrl" in key.attrib]
         for section in root.findall("keyframe"):
-            section[:] = [key for key in section if key in keys[:1]]
+            section[:] = [key for key in section if key in keys[:1] or key.tag != "key"]
         compiler = {key: value for node in root.findall("compiler") for key, value in node.attrib.items()}
         models, sizes = {}, {}
         self._leave_out(root)
@@ -337,6 +342,40 @@ class Source:
             if each.tag == "body":
                 break
         return next(self._files[each] for each in line if each in self._files), ": ".join(reversed(words))
+
+
+@cache
+def _schema() -> dict[str, Known]:
+    """The elements and attributes of MJCF, as MuJoCo prints them; its compiler overlooks some in a ``<frame>``."""
+    import mujoco
+
+    try:
+        text = mujoco.mj_printSchema(False, False)
+    except (AttributeError, TypeError):  # older versions
+        return {}
+    found: dict[str, tuple[set, set]] = {}
+    above: list[str] = []
+    for line in text.replace("(world)body", "body").splitlines():
+        match = re.match(r"( *)([\w-]+) \([!*?R]\)(.*)", line)
+        if match:
+            level, tag, words = len(match[1]) // 3, match[2], match[3]
+            above[level:] = [tag]
+            found.setdefault(tag, (set(), set()))
+            if level:
+                found[above[level - 1]][1].add(tag)
+        else:
+            words = line
+        if above:
+            found[above[-1]][0].update(words.split())
+    found.setdefault("frame", (set("pos quat axisangle xyaxes zaxis euler childclass".split()), set()))
+    found.setdefault("replicate", (set("count offset euler sep".split()), set()))
+    moving = {"frame", "replicate", "body"}
+    found["mujoco"][1].add("worldbody")
+    inside = found["body"][1] | moving | {"composite", "flexcomp", "plugin", "attach"}
+    found["worldbody"] = (set(), inside)
+    for tag in moving:
+        found[tag][1].update(inside)
+    return {tag: Known(attributes, inside | {"include"}) for tag, (attributes, inside) in found.items()}
 
 
 def _copies(node, models) -> float:

@@ -34,6 +34,7 @@ from ...mechanism.forces import JointSpring, Wrench
 from .. import drake, gazebo
 from ..closures import Closure
 from ..extensions import Names, left_out, sorted_records
+from ..grammar import SDF, count_unknown
 from ..graph import JointGraph, build, couplings
 from ..ignored import COLLISIONS, LIMITS, Ignored
 from ..plausible import inertias_of, warn_of_inertias
@@ -212,6 +213,7 @@ def _ignored(raw: Element, ignored: Ignored) -> Ignored:
         ignored.add("joint <physics>", joint.find("physics/ode") is not None)
         extensions = [each for each in joint if "}" in str(each.tag)]
         ignored.add_unknown(extensions, (DRAKE + "rotor_inertia", DRAKE + "gear_ratio"), "joints")
+    count_unknown(raw, SDF, ignored)
     return ignored
 
 
