@@ -190,3 +190,26 @@ def test_bdf_goes_on_behind_a_knot_where_all_is_driven():
     sol = pc.simulate(mech, (0.0, 1.2), method="BDF")
     assert sol.success, sol.message
     np.testing.assert_allclose(sol.q[:, 0], [law(t) for t in sol.t], atol=1e-9)
+
+
+@pytest.mark.parametrize("law", ["spline", "step5", "table"])
+def test_values_of_curves_are_parameters(law):
+    mech = pc.load("planar_pendulum").with_loops(
+        pc.Drive("motor", "pendulum", pc.Curve((0.0, 0.5, 1.0), (0.0, 0.2, 0.1), law))
+    )
+    other = mech.with_parameters({"motor.curve.values.1": 0.3})
+    assert other.loops[0].curve.values == (0.0, 0.3, 0.1) and mech.loops[0].curve.values == (0.0, 0.2, 0.1)
+    if law != "table":  # whose rates jump
+        sol = pc.simulate(other, (0.0, 1.0), t_eval=[0.5])
+        np.testing.assert_allclose(sol.q[-1], 0.3, atol=1e-8)
+
+
+def test_tables_of_commands_are_written(tmp_path):
+    motor = pc.Actuator("motor", "pendulum", control=pc.Curve((0.0, 0.4, 1.0), (0.0, 2.0, -1.0), "table"))
+    mech = pc.load("planar_pendulum").with_forces(motor)
+    as_table = mech.with_control({"motor": ((0.0, 0.4, 1.0), (0.0, 2.0, -1.0))})
+    assert as_table.forces == mech.forces  # a curve of straight lines is the table
+    back = pc.load(pc.write(as_table, tmp_path / "m.urdf"))
+    assert back.forces == mech.forces
+    ours, theirs = (pc.simulate(each, (0.0, 1.0), t_eval=[0.3, 0.7, 1.0]) for each in (mech, back))
+    np.testing.assert_array_equal(ours.q, theirs.q)

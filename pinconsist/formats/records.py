@@ -43,6 +43,7 @@ from ..errors import FormatError, InputError
 from ..mechanism import forces as laws
 from ..mechanism.contacts import CONTACTS
 from ..mechanism.curve import LAWS, Curve
+from ..mechanism.forces.actuators import Table
 from ..mechanism.joint_constraints import Coupling, Drive
 from ..mechanism.loops import ROW_NAMES, Loop
 from ..mechanism.motion import Motion
@@ -153,6 +154,8 @@ def _plain(value, what):
         return _fields(value, what) or {"start": 0.0}
     if isinstance(value, Curve):
         return {"law": value.law, "times": list(value.times), "values": list(value.values)}
+    if isinstance(value, Table):
+        return {"law": "table", "times": list(value.times), "values": list(value.values)}
     if isinstance(value, Mapping):
         return {joint: _plain(each, f"{what}: {joint}") for joint, each in value.items()}
     if isinstance(value, str):

@@ -11,6 +11,7 @@ import numpy as np
 from ...errors import InputError
 from ..breakpoints import TimeFunction, time_function
 from ..checks import finite_array, name, near, number, numbers, put, put_checked, returned, triple
+from ..curve import Curve
 from ..joint_constraints import Coordinate
 from ..motion import Motion
 from ..sampling import Change
@@ -161,6 +162,8 @@ class Actuator(ForceRecord):
             put_checked(self, self._who, name, "joint")
         put_checked(self, self._who, triple, "gain", "bias")
         put_checked(self, self._who, number, "gear")
+        if isinstance(self.control, Curve) and self.control.law == "table":  # as a file has it
+            put(self, control=Table(self.control.times, self.control.values))
         if not callable(self.control):
             put_checked(self, self._who, number, "control")
         for field in ("control_range", "force_range"):
