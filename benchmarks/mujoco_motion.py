@@ -78,7 +78,7 @@ def compared(title: str, file: Path, until: float) -> Compared:
         if theirs.model.neq and not found.reason:
             held(found, mech, theirs, times)
     except (pc.PinconsistError, ValueError) as error:
-        found.reason = str(error)
+        found.reason = str(error).replace(f"{Path(file).parent}/", "")
     return found
 
 
