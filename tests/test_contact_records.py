@@ -227,3 +227,23 @@ def test_quantities_of_a_point_are_vectors():
     sol = pc.simulate(mech, (0.0, 1.0))
     assert sol.evaluate("contact heel z") == pytest.approx(9.81 * np.cos(0.3))
     assert sol.evaluate("peak contact heel") == pytest.approx(9.81)
+
+
+def test_what_the_refusal_to_linearise_advises_works():
+    """A pendulum that rests on its stop, and one whose tip sticks to a wall, held by loops instead."""
+    mech = pc.load("planar_pendulum")
+    sim = pc.Simulation(mech.with_contacts(pc.Stop("pendulum", upper=0.5)))
+    sim.step(1e-3)
+    with pytest.raises(pc.InputError, match="with_contacts") as raised:
+        sim.linearized(1e-3)
+    assert "pc.Loop of kind 'point'" in str(raised.value) and "pc.Drive" in str(raised.value)
+    for other in (mech.with_contacts(), mech.add_loops(pc.Drive("held", "pendulum", pc.Motion(start=0.5)))):
+        free = pc.Simulation(other, *sim_state(other))
+        free.step(1e-3)
+        A, _ = free.linearized(1e-3)
+        assert np.isfinite(A).all()
+
+
+def sim_state(mech):
+    assembly = pc.assemble(mech)
+    return assembly.q, assembly.v

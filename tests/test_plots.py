@@ -190,7 +190,8 @@ def test_phase_portrait_behind_joints_of_several_freedoms():
 
 
 def test_all_pictures_under_each_other(sol, tmp_path):
-    figure = sol.plot(*list(PICTURES), file=tmp_path / "all.png")
+    named = [name for name in PICTURES if name != "contacts"]  # which it has not
+    figure = sol.plot(*named, file=tmp_path / "all.png")
     assert len(figure.axes) == 6 * 2 + 3
     assert [path.name for path in tmp_path.iterdir()] == ["all.png"]
 

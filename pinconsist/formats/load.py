@@ -10,13 +10,15 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import FormatError, InputError, warn
-from ..mechanism.checks import choice, flag, several
+from ..mechanism.checks import choice, flag, number, several
 from ..mechanism.contacts import Contact, DryFriction, Stop
+from ..mechanism.file_laws import FRICTION, LIMITS, with_dry_friction, with_limits
 from ..mechanism.loops import GROUND, Loop, anchor
 from ..mechanism.mechanism import Geometry, Mechanism
 from ..mechanism.names import is_revolute
 from . import catalogue, loopfile
 from .closures import closed
+from .ground import ground_contacts, still_ignored
 from .plausible import warn_of_degrees, warn_of_inertias, warn_of_units
 from .reading import located
 
@@ -37,8 +39,9 @@ _MUST_VANISH = ("offset", "velocity", "acceleration")  # desired values of a con
 
 
 def load(
-    source, *, loops=None, closure=None, free_flyer=False, package_dirs=(), ignore=(), precision=0.0, args=None
-) -> Mechanism:
+    source, *, loops=None, closure=None, free_flyer=False, package_dirs=(), ignore=(), precision=0.0, args=None,
+    limits="watch", dry_friction="smooth", ground=False,
+) -> Mechanism:  # fmt: skip
     """Load a mechanism from the name of a built-in model, a file, a folder or a Pinocchio object.
 
     Parameters
@@ -74,6 +77,15 @@ def load(
         Precision of the numbers in the source, m and rad: 1e-6 for a file written with six digits. Loops that lock or
         contradict each other because of smaller errors are made consistent, see :meth:`Mechanism.corrected`. Default:
         the numbers are not changed.
+    limits : {"watch", "stops", "off"}
+        What the position limits of joints do: watched, certificates name the joints that leave them; or they are
+        stops, see :class:`Stop`; or nothing.
+    dry_friction : {"smooth", "exact"}
+        Whether the dry friction of joints is smoothed near rest, or holds them, see :class:`DryFriction`.
+    ground : bool or float
+        Whether collision shapes of moving links touch the planes of the file or, if it has none, the plane z = 0; a
+        number is the coefficient of friction. Without it that of the file counts, else 1. Spheres, capsules and boxes
+        act, the latter by their corners; a sphere does not roll, but pivots about its centre. See :class:`Contact`.
 
     Returns
     -------
@@ -93,6 +105,8 @@ def load(
     """
     if closure is not None:
         choice(closure, _CLOSURES, "closure")
+    choice(limits, LIMITS, "limits")
+    choice(dry_friction, FRICTION, "dry_friction")
     free_flyer = flag(free_flyer, "free_flyer")
     package_dirs, ignore = several(package_dirs), several(ignore)
     if not all(isinstance(folder, (str, os.PathLike)) for folder in package_dirs):
@@ -104,19 +118,24 @@ def load(
             raise InputError("free_flyer= is for files; a model in memory has its root joint already")
         if ignore:
             raise InputError("ignore= is for files; a model in memory has no elements")
-        return _of_model(source, () if loops is None else loops, closure).corrected(precision)
+        if ground is not False:
+            raise InputError("ground= is for files; give a model in memory its contacts by with_contacts()")
+        mech = _of_model(source, () if loops is None else loops, closure).corrected(precision)
+        return with_dry_friction(with_limits(mech, limits), dry_friction)
     if not (loops is None or isinstance(loops, (str, os.PathLike))):
         reason = f"loops= needs the path of a loop file, got {type(loops).__name__}"
         raise InputError(f"{reason}; add records by load(…).add_loops(…)")
     if args is not None and not isinstance(args, Mapping):
         raise InputError(f"args= needs a mapping of names to values, got {args!r}")
     options = {"free_flyer": free_flyer, "package_dirs": package_dirs, "ignore": ignore, "args": args}
+    options |= {"limits": limits, "dry_friction": dry_friction, "ground": ground}
     return read_scene(catalogue.find(source), loops, closure, **options).corrected(precision)
 
 
 def read_scene(
-    scene: catalogue.Source, loops=None, closure=None, *, free_flyer=False, package_dirs=(), ignore=(), args=None
-) -> Mechanism:
+    scene: catalogue.Source, loops=None, closure=None, *, free_flyer=False, package_dirs=(), ignore=(), args=None,
+    limits="watch", dry_friction="smooth", ground=False,
+) -> Mechanism:  # fmt: skip
     """The mechanism of a file and of the loop file that belongs to it; see :func:`load`."""
     path, reader = scene.path, catalogue.reader_of(scene.path, scene.content)
     is_urdf = reader in ("urdf", "xacro")
@@ -158,15 +177,18 @@ def read_scene(
     warn_of_units(path, model)
     warn_of_degrees(loop_path, _angles(record, model))
     closures = _closed_by(closures, closure)
-    ignored = (*robot.ignored, *record.ignored)
-    if ignored:
-        warn(f"{path}: without effect here: {', '.join(ignored)}")
+    ignored, touching = (*robot.ignored, *record.ignored), ()
+    if ground is not False:
+        friction = None if ground is True else number(ground, "ground", least=0.0)
+        rule = min if reader == "sdf" else max
+        touching, left = ground_contacts(model, robot.solids, robot.planes, friction, rule)
+        ignored = still_ignored(ignored, left)
     with located(loop_path or path):
-        return Mechanism(
+        mech = Mechanism(
             model,
             (*closures, *robot.couplings),
             (*robot.forces, *record.forces),
-            contacts=record.contacts,
+            contacts=(*record.contacts, *touching),
             name=scene.name,
             guess=robot.guess | record.guess,
             actuated=tuple(dict.fromkeys((*robot.actuated, *record.actuated))),
@@ -174,6 +196,10 @@ def read_scene(
             duration=record.duration,
             ignored=ignored,
         )
+        mech = with_dry_friction(with_limits(mech, limits), dry_friction)
+    if mech.ignored:
+        warn(f"{path}: without effect here: {', '.join(mech.ignored)}")
+    return mech
 
 
 def _angles(record, model):

@@ -41,6 +41,8 @@ class RobotFile:
     guess: dict = field(default_factory=dict)  # joint → value, the initial guess of the assembly
     actuated: tuple[str, ...] = ()  # motorised joints
     ignored: tuple[str, ...] = ()  # what has no effect, counted
+    solids: tuple = ()  # collision shapes, see ground.py
+    planes: tuple = ()  # of the world
 
 
 @contextmanager

@@ -19,6 +19,7 @@ from ..errors import FormatError, warn
 from .drake import joints_in_urdf
 from .extensions import LOOP_TAGS, WORLDS, left_out, sorted_records
 from .grammar import URDF, count_unknown
+from .ground import solids_of_urdf
 from .ignored import COLLISIONS, LIMITS, Ignored
 from .joints import AS_WRITTEN, replaced
 from .plausible import angles_of, inertias_of, limits_of, warn_of_degrees, warn_of_inertias, warn_of_limits
@@ -79,7 +80,8 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), joint_t
     if true_loops:
         names = ", ".join(repr(loop.name) for loop in true_loops)
         warn(f"{path}: links are children of two joints; the tree is cut at {names}, which close the loops")
-    return RobotFile(model, urdf, (*true_loops, *loops), followers, forces, actuated=actuated, ignored=ignored.lines())
+    about = {"actuated": actuated, "ignored": ignored.lines(), "solids": solids_of_urdf(urdf)}
+    return RobotFile(model, urdf, (*true_loops, *loops), followers, forces, **about)
 
 
 def _holders(raw):

@@ -9,6 +9,7 @@ from ..errors import InputError
 from ..mechanism.assembly import assembled
 from ..mechanism.checks import finite_array, flag
 from ..mechanism.closing import LoopSolver
+from ..mechanism.file_laws import with_dry_friction, with_limits
 from ..mechanism.mechanism import Mechanism, with_added_forces
 from ..mechanism.rank import require_nonsingular
 from ..mechanism.system import MechanismSystem
@@ -24,7 +25,7 @@ from .steppers import stepper_for
 def simulate(
     mech, t_span, q0=None, v0=None, *, method=None, step=None, order=None, rtol=1e-6, atol=1e-8, forces=(),
     control=None, t_eval=None, dense_output=False, events=None, callback=None, consistency="every-step",
-    first_step=None, max_step=np.inf, max_steps=None, backend=None,
+    first_step=None, max_step=np.inf, max_steps=None, limits="watch", dry_friction="smooth", backend=None,
 ) -> Solution:  # fmt: skip
     """Assemble a mechanism and integrate its index-3 equations of motion.
 
@@ -81,6 +82,11 @@ def simulate(
         become active after a period of rest. See the notes.
     max_steps : int, optional
         Stop with an error after this many steps.
+    limits : {"watch", "stops", "off"}
+        What the position limits of the file do: watched, :meth:`Solution.check` names the joints that leave them; or
+        they are stops, see :class:`Stop`; or nothing.
+    dry_friction : {"smooth", "exact"}
+        Whether dry friction of the file is smoothed near rest, or holds the joints, see :class:`DryFriction`.
     backend : str, optional
         Deprecated; has no effect.
 
@@ -115,6 +121,7 @@ def simulate(
     without_backend(backend)
     mech = with_added_forces(mech, forces, "simulate")
     mech = mech if control is None else mech.with_control(control)
+    mech = with_dry_friction(with_limits(mech, limits), dry_friction)
     span = span_of(t_span)
     options = Options(method, step, order, rtol, atol, consistency, first_step, max_step, max_steps)
     method = options.for_span(span)  # errors in the options come before those of the mechanism

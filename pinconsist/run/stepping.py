@@ -346,12 +346,16 @@ class Simulation:
             There is no step yet; a method other than Radau; an event or a jump of other forces in the step; sampled
             laws, whose torques depend on earlier states; unknown names.
         """
+        if self.mechanism.contacts:
+            raise InputError(
+                "steps of a mechanism with contacts are not linearised, because its modes change. Leave out those that "
+                "are open, mech.with_contacts(), and hold what sticks by a pc.Loop of kind 'point', or a joint by a "
+                "pc.Drive, in a Simulation from the same state"
+            )
         if dt is not None:
             type(self).step.__wrapped__(self, dt)
         if self._before is None:
             raise InputError("there is no step to linearise: call step(dt) first, or linearized(dt)")
-        if self.mechanism.contacts:
-            raise InputError("steps of a mechanism with contacts are not linearised: its modes change")
         if self._method.name != "Radau":
             raise InputError(f"steps of Radau are linearised, not of {self._method.name}: choose method='Radau'")
         self._up_to_date()

@@ -6,12 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import InputError
+from ..mechanism.contacts import contact_units
 from ..mechanism.forces import SpringDamper
 from ..mechanism.joint_constraints import Drive
 from ..mechanism.loops import Loop
 from ..mechanism.names import position_names, position_units
 from ..mechanism.rows import LoopRows
 from .arrows import FORCE, TRUE, UNITS, actions, joint_wrenches, of_joint, true_actions
+from .contacts import contact_actions
 from .filled import ROWS, filled
 from .motion import Run, body_poses, without_forces
 
@@ -84,6 +86,7 @@ def _curves(some: Run, run: Run, size: float, without, planar: bool):
             *true, name = action.name.rpartition(TRUE)
             yield group, UNITS[action.kind], "".join((*true, words.get(action.of, ""), name)), values, about
         yield from _of_elements(some)
+        yield from _of_contacts(some, poses)
     for name, energies in _energies(some).items():
         yield "energy", "J", name, energies, {}
     for name, unit, values in zip(position_names(model), position_units(model), some.q.T, strict=True):
@@ -111,6 +114,20 @@ def _of_elements(some: Run):
             unit = rows.multiplier_units[row]
             group = {"N": "forces", "N·m": "torques"}.get(unit, "multipliers")
             yield group, unit, f"{loop.kind} {name}", some.lam[:, row], {"of": loop.name}
+
+
+def _of_contacts(some: Run, poses):
+    """Curves of the forces of contacts and of their gaps."""
+    for action in contact_actions(some, poses):
+        group = "forces" if action.kind == FORCE else "torques"
+        values = action.norms if action.on_joint is None else action.on_joint
+        yield group, UNITS[action.kind], action.name, values, {"of": action.of}
+    if getattr(some.source, "contacts", None) is None or len(some.source.t) != len(some.t):
+        return
+    names = [each.name for each in some.mech.contacts if each.kind != "dry-friction"]
+    for name in names:
+        gap, unit = some.source.contact(name, some.mech).gap, contact_units(some.mech, name)[0]
+        yield {"m": "gaps", "rad": "gaps of joints"}[unit], unit, name, gap, {"of": name}
 
 
 def _of_joints(some: Run, size: float, without):

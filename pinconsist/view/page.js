@@ -122,7 +122,7 @@ function look(event) {
   pointer.set(2 * (event.clientX - box.left) / box.width - 1, 1 - 2 * (event.clientY - box.top) / box.height);
   ray.setFromCamera(pointer, camera);
   const seen = part => part.visible && part.userData.name != "ground";
-  const hit = ["loop", "force", "joint force", "body"].map(part => ray.intersectObjects(parts[part].filter(seen), false)[0]).find(Boolean);
+  const hit = ["loop", "contact", "force", "joint force", "body"].map(part => ray.intersectObjects(parts[part].filter(seen), false)[0]).find(Boolean);
   under = hit?.object.userData;
   place = [event.clientX - box.left, event.clientY - box.top];
 }
@@ -157,6 +157,7 @@ function follow(frame) {
   }
   drawnAt = frame;
   cursor.style.transform = `translate(${100 * now / (duration || 1)}%, 0)`;
+  light();
   arrange();
   if (!running || frame > toldAt + TELLING) tell(frame);
   requestAnimationFrame(follow);

@@ -346,6 +346,25 @@ def energy(left, right, drawn):
     right.set(title="error of the energy balance  [J]", xlabel=time)
 
 
+def contacts(left, right, drawn):
+    """The gaps of contacts, and the sizes of their forces, with a thin line at each impact."""
+    mech, drawn = drawn.need_mechanism("contacts"), drawn.curves
+    if not mech.contacts or getattr(drawn.sol, "contacts", None) is None:
+        raise InputError("there are no contacts to draw: the mechanism has none, see mech.with_contacts()")
+    found = {each.name: drawn.sol.contact(each.name, mech) for each in mech.contacts}
+    gaps = {each.name: found[each.name].gap for each in mech.contacts if each.kind != "dry-friction"}
+    sizes = {
+        name: np.linalg.norm(each.force, axis=1) if each.force.ndim > 1 else np.abs(each.force)
+        for name, each in found.items()
+    }
+    factor = np.ptp(clock(drawn.t)[0]) / (np.ptp(drawn.t) or 1.0)
+    for axis, parts, title in (left, gaps, "gaps of contacts  [m, rad]"), (right, sizes, "contact forces  [N, N·m]"):
+        columns = np.column_stack([*parts.values()]) if parts else np.zeros((len(drawn.t), 0))
+        curves(axis, drawn.t, columns, list(parts), title)
+        for time in factor * np.array([each.t for each in drawn.sol.impacts]):
+            axis.axvline(time, color=GREY, linewidth=0.5, zorder=0)
+
+
 def steps(left, right, drawn):
     """Step size and order at the end of each step."""
     h, order = np.asarray(drawn.sol.h), np.asarray(drawn.sol.order)

@@ -12,7 +12,7 @@ from ..mechanism.checks import flag, near
 from ..mechanism.checks import names as checked_names
 from ..mechanism.names import body_names
 from ..mechanism.reactions import listed, not_determined, undetermined
-from . import arrows
+from . import arrows, contacts
 from .arrows import COLORS, FORCE, JOINT, MOMENT, RIGHT, UNITS, WRONG, Action
 from .commands import Node, animated, draw, floor, line, outline, stage, transform, view_axes, y_up
 from .curves import packed, panel, verdicts
@@ -35,8 +35,12 @@ GAP = 0.3  # between neighbours, relative to the size of the picture
 class DrawnRun:
     """The drawing of one run, in the axes of its own world."""
 
-    def __init__(self, whole: Run, elapsed: np.ndarray, path: str, visuals: list[Shape], ghost: bool = False):
+    def __init__(
+        self, whole: Run, elapsed: np.ndarray, path: str, visuals: list[Shape], ghost: bool = False, speed: float = 1.0
+    ):
         self.whole, self.path, self.visuals = whole, path, visuals  # shapes of the robot file
+        self.speed = speed  # s of motion a second
+        self.lights: list[dict] = []  # contacts, with their states over the frames
         self.ghost = ghost  # drawn over another run, in one colour that lets it be seen
         self.run = whole.at(elapsed)  # at the frames' times
         self.bodies = body_poses(self.run.mech.model, self.run.q)  # (m, njoints, 7)
@@ -61,6 +65,7 @@ class DrawnRun:
         some = np.unique(np.linspace(0, len(self.bodies) - 1, ENCLOSED).astype(int))
         marks = self._draw_traces(traces, size)
         coils = self._draw_springs(size)
+        coils += self._draw_contacts(number, size)
         parts = self._draw_parts(number, size, marks, some)
         extent = [self.skeleton[some], *parts, *(ends[some] for ends in coils)]
         reached = []
@@ -89,6 +94,31 @@ class DrawnRun:
             self.nodes.append(Node(path, places, stretch))
             self.commands.append(draw(f"{path}/coil", coil, part="body", name=name))
         return [ends for *_, ends in found]
+
+    def _draw_contacts(self, number: int, size: float) -> list[np.ndarray]:
+        """Draw planes and what touches; points around them, shape (n, k, 3) each."""
+        if not self.run.mech.contacts or getattr(self.run.source, "contacts", None) is None:
+            return []
+        found, planes = contacts.touching(self.run, self.bodies, size, self.speed)
+        names = self.run.mech.joints
+        parts = [f"{self.path}/ground", *(f"{self.path}/bodies/{_part(name)}" for name in names)]
+        around = []
+        for k, plane in enumerate(planes):
+            self.commands.append(
+                draw(f"{parts[plane.node]}/plane {k}", plane, part="ground", name="ground", run=number)
+            )
+            around.append(in_world(self.bodies[:, plane.node], plane.points))
+        for each in found if not self.ghost else ():
+            path = f"{parts[each.shape.node]}/contact {_part(each.name)}"
+            if each.poses is not None:
+                path = f"{self.path}/contacts/{_part(each.name)}"
+                self.nodes.append(Node(path, each.poses, each.scales))
+            about = {"part": "contact", "name": each.name, "run": number}
+            self.commands.append(draw(f"{path}/mark", contacts.lit(each.shape, each.states), **about))
+            self.lights.append({"path": f"{path}/mark", "states": packed(each.states)})
+            if each.poses is None:
+                around.append(in_world(self.bodies[:, each.shape.node], each.shape.points))
+        return around
 
     def _draw_parts(self, number: int, size: float, marks: list[Shape], some: np.ndarray) -> list[np.ndarray]:
         """Draw bodies with the `marks` on them, loops and the ground; points around them in the frames `some`."""
@@ -180,6 +210,8 @@ def picture(
         "loop": loop,
         "legend": (_over(runs) if over else []) + _legend(runs, traces, forces, scales, acting, not_drawn),
         "cuts": [cut for each in drawn for cut in each.cuts],
+        "lights": [light for each in drawn for light in each.lights],
+        "lit": [contacts.LIGHTS[state] for state in contacts.STATES],
         "panel": panel(runs, size, not_drawn.all, planar) if beside else None,
         "verdicts": of_runs,
         "first": None if first is None else _stop(first, speed),
@@ -201,7 +233,7 @@ def _drawn(
     def drawn_at(clock):
         ghosts = [over and k > 0 for k in range(len(runs))]
         each = zip(runs, paths, ghosts, strict=True)
-        return [DrawnRun(run, clock * speed, path, of_file(run.mech), ghost) for run, path, ghost in each]
+        return [DrawnRun(run, clock * speed, path, of_file(run.mech), ghost, speed) for run, path, ghost in each]
 
     clock = playing_times(runs, speed, fps) if times is None else times
     drawn = drawn_at(clock)
@@ -248,6 +280,7 @@ def _act(drawn: list[DrawnRun], size: float, not_drawn: NotDrawn, beside: bool) 
     compared = any(each.run.true is not None for each in drawn)
     for each in drawn:
         each.actions = arrows.actions(each.run, each.bodies, size, not_drawn.all)
+        each.actions += contacts.contact_actions(each.run, each.bodies)
         if each.run.true is not None:
             color = WRONG if each is drawn[0] else None
             each.actions = [replace(action, color=color) for action in each.actions]
@@ -332,6 +365,7 @@ def _legend(runs, traces, forces: bool, scales, acting, not_drawn: NotDrawn) -> 
         seats = dict.fromkeys(seat for kind, seat in SEATS.items() if kind in kinds)
         out.append({"color": LOOP, "text": f"loop: closed where its core sits {', '.join(seats)}"})
     out += [_bar(kind, scale, acting) for kind, scale in scales.items() if scale]
+    out += contacts.legend(runs)
     if any(run.true is not None for run in runs):
         out += [{"color": WRONG, "text": "from exact values"}, {"color": RIGHT, "text": "true, under the others"}]
     if not_drawn.loops:

@@ -22,6 +22,7 @@ PICTURES = {
     "trajectory": ("configurations and velocities over time", panels.trajectory),
     "multipliers": ("constraint forces over time, the first steps magnified", panels.multipliers),
     "forces": ("forces and moments in all loops and joints over time", panels.forces),
+    "contacts": ("gaps of contacts and their forces over time, with the times of impacts", panels.contacts),
     "drift": ("how far the loops are open, and how fast they open", panels.drift),
     "energy": ("energies, work of the forces, and the error of the balance", panels.energy),
     "steps": ("step size and order over time", panels.steps),

@@ -19,7 +19,7 @@ for (const command of replay.commands) viewer.handle_command(command);
 viewer.set_3d_pane_size = () =>  // by default that of the window
   MeshCat.Viewer.prototype.set_3d_pane_size.call(viewer, wide, high);
 const object = path => viewer.scene_tree.find(path.split("/").filter(Boolean)).object;
-const parts = {force: [], "joint force": [], loop: [], trace: [], ground: [object("/Axes")], body: []};
+const parts = {force: [], "joint force": [], loop: [], contact: [], trace: [], ground: [object("/Axes")], body: []};
 viewer.scene.traverse(thing => parts[thing.userData.part]?.push(thing));
 
 // The camera shows all points of the outline; margins are relative to the pane
@@ -82,12 +82,17 @@ for (const cut of replay.cuts) {
   label("", "size", () => head.getWorldPosition(new Vector3()), shown);
 }
 const named = new Map();  // the shapes of each loop and body that has a name
-for (const thing of [...parts.loop, ...parts.body]) {
+const lights = replay.lights.map(({path, states}) => ({thing: object(path), states: unpacked(states)}));
+function light() {  // contacts in the colours of what they do
+  for (const {thing, states} of lights)
+    thing.traverse(each => each.material?.color.setHex(replay.lit[states[Math.round(now / duration * (states.length - 1)) || 0]]));
+}
+for (const thing of [...parts.loop, ...parts.contact, ...parts.body]) {
   const {part, name, run, bare} = thing.userData, key = JSON.stringify([part, run, name]);
   if (bare || named.get(key)?.push(thing)) continue;
   const its = [thing];
   named.set(key, its);
-  label(name, "name", () => middle(part == "loop" ? [thing] : its), () => switches.names.checked);
+  label(name, "name", () => middle(part == "body" ? its : [thing]), () => switches.names.checked);
 }
 function middle(things) {
   const sum = new Vector3();
@@ -105,7 +110,7 @@ function within(thing, parent) {
 
 // Switches, only for existing parts
 const switches = {};
-for (const [name, part] of Object.entries({forces: "force", "joint forces": "joint force", names: "", loops: "loop", traces: "trace", ground: "ground"})) {
+for (const [name, part] of Object.entries({forces: "force", "joint forces": "joint force", names: "", loops: "loop", contacts: "contact", traces: "trace", ground: "ground"})) {
   if (part && !parts[part].length) continue;
   const choice = added(element("switches"), "label", {});
   const checked = Boolean(part) && !(name == "joint forces" && parts.force.length);  // not too many arrows at first

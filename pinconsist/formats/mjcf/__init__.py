@@ -35,7 +35,7 @@ from ..grammar import Known, count_unknown
 from ..ignored import Ignored
 from ..reading import RobotFile, asking_for, finite, located, log_left_out, parsed, read_bytes, short_repr, text
 from ..urdf import add_visual, fixed_links
-from .ignored import counted
+from .ignored import colliding, counted
 from .model import Tree, pose
 
 _VISIBLE = 2  # the last group of geoms that is shown, as in MuJoCo's viewers
@@ -65,7 +65,11 @@ def read(path: Path, name: str, folders, *, ignore=()) -> RobotFile:
     shapes = _visible(compiled, stand_ins, tree.bodies, source.meshes)
     actuated = tuple(joint for joint, _ in actuators if joint)
     ignored = (*counted(compiled, tree.off).lines(), *source.ignored.lines())
-    return RobotFile(tree.model, shapes, closures, forces=forces, guess=guess, actuated=actuated, ignored=ignored)
+    solids, planes = colliding(compiled, tree.bodies, tree.off)
+    return RobotFile(
+        tree.model, shapes, closures, forces=forces, guess=guess, actuated=actuated, ignored=ignored,
+        solids=solids, planes=planes,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,40 @@
 
 import numpy as np
 
+from ..ground import Plane, Solid
 from ..ignored import LIMITS, Ignored
+from .model import pose
 
 _PLANE, _HFIELD = 0, 1
+_KINDS = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}
+
+
+def colliding(m, bodies, off) -> tuple[tuple[Solid, ...], tuple[Plane, ...]]:
+    """The geoms that may touch a plane of the world, and these planes; `bodies` are the names of links."""
+    if {"contact", "constraint"} & set(off):
+        return (), ()
+    floors = [g for g in range(m.ngeom) if m.geom_type[g] == _PLANE and m.body_weldid[m.geom_bodyid[g]] == 0]
+    solids, planes = {}, []
+    for floor in floors:
+        place = pose(m.geom_pos[floor], m.geom_quat[floor])
+        base = pose(m.body_pos[m.geom_bodyid[floor]], m.body_quat[m.geom_bodyid[floor]])
+        place = base * place if m.geom_bodyid[floor] else place
+        normal = place.rotation[:, 2]
+        planes.append(Plane(tuple(normal.tolist()), float(normal @ place.translation)))
+        for g in np.flatnonzero(_meets(m, floor)):
+            kind, (a, b, c) = _KINDS.get(int(m.geom_type[g]), "height field"), map(float, m.geom_size[g])
+            sizes = {"sphere": (a,), "capsule": (a, b), "box": (a, b, c)}.get(kind, ())
+            place = pose(m.geom_pos[g], m.geom_quat[g])
+            own = bodies[m.geom_bodyid[g]]
+            friction = float(max(m.geom_friction[[g, floor], 0])) if max(m.geom_condim[[g, floor]]) > 1 else 0.0
+            solids[g] = Solid(own, place, kind, sizes, friction)
+    return tuple(solids.values()), tuple(planes)
+
+
+def _meets(m, floor) -> np.ndarray:
+    """Which geoms collide with a floor, by their bits, and are on bodies that are not welded to the world."""
+    fit = (m.geom_contype & m.geom_conaffinity[floor]) | (m.geom_contype[floor] & m.geom_conaffinity)
+    return (fit != 0) & (m.body_weldid[m.geom_bodyid] != 0)
 
 
 def counted(m, off) -> Ignored:

@@ -36,6 +36,7 @@ from ..closures import Closure
 from ..extensions import Names, left_out, sorted_records
 from ..grammar import SDF, count_unknown
 from ..graph import JointGraph, build, couplings
+from ..ground import Plane, Solid
 from ..ignored import COLLISIONS, LIMITS, Ignored
 from ..plausible import inertias_of, warn_of_inertias
 from ..reading import DRAKE, RobotFile, closing, finite, parsed, read_bytes, refuse, short_repr, text
@@ -90,10 +91,11 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), content
     loops = tuple(_moving(loops, model, ignored))
     acting = controllers(document, joints, model)
     ignored = _ignored(raw, ignored).lines()
+    solids, planes = _colliding(document, model)
     return RobotFile(
         model, shapes, (*graph.loops(), *loops), (*couplings(joints), *followers),
         forces=(*springs, *weights, *forces, *acting), guess=guess,
-        actuated=tuple(dict.fromkeys(force.joint for force in acting)), ignored=ignored,
+        actuated=tuple(dict.fromkeys(force.joint for force in acting)), ignored=ignored, solids=solids, planes=planes,
     )  # fmt: skip
 
 
@@ -283,13 +285,43 @@ def _visual(link, node, body: Body, document, folders):
         except FormatError as error:  # it is only not shown
             _log.warning("%s: left out, %s", solid.name, error.reason)
             return
-    place, relative_to = node.pose()
-    if relative_to:
-        base = document.resolve(body.scope, relative_to, f"{node.name}: pose")
-        place = body.pose.actInv(document.pose(base) * place)
+    place = _place(node, body, document)
     material = node.child("material")
     colour = (material.child("diffuse").text() or material.child("ambient").text()).split()
     add_visual(link, place, kind, sizes, " ".join([*colour, "1"] if len(colour) == 3 else colour))
+
+
+def _colliding(document: Document, model: pin.Model) -> tuple[tuple[Solid, ...], tuple[Plane, ...]]:
+    """The collision shapes of links, and the planes of those that do not move."""
+    solids, planes = [], []
+    for name, body in document.bodies.items():
+        moves = model.existFrame(name) and model.frames[model.getFrameId(name)].parentJoint > 0
+        for node in body.node.children("collision"):
+            solid = node.solid()
+            kind = solid.xml.tag if solid else "nothing"
+            place = _place(node, body, document)
+            friction = node.child("surface").child("friction").child("ode").value("mu", 1.0)
+            if kind == "plane" and not moves:
+                normal = (body.pose * place).rotation @ np.array(solid.values("normal", (0.0, 0.0, 1.0)))
+                offset = float(normal @ (body.pose * place).translation) / np.linalg.norm(normal)
+                planes.append(Plane(tuple(normal.tolist()), offset, friction))
+                continue
+            sizes: tuple[float, ...] = ()
+            if kind in ("sphere", "capsule"):
+                sizes = (solid.value("radius", 1.0), 0.5 * solid.value("length", 1.0))[: 1 + (kind == "capsule")]
+            elif kind == "box":
+                sizes = tuple(0.5 * size for size in solid.values("size", (1.0, 1.0, 1.0)))
+            solids.append(Solid(name, place, kind, sizes, friction))
+    return tuple(solids), tuple(planes)
+
+
+def _place(node, body: Body, document: Document) -> pin.SE3:
+    """The pose of a shape in the axes of its link."""
+    place, relative_to = node.pose()
+    if not relative_to:
+        return place
+    base = document.resolve(body.scope, relative_to, f"{node.name}: pose")
+    return body.pose.actInv(document.pose(base) * place)
 
 
 def _mesh_file(shape, folders) -> Path:
