@@ -69,7 +69,7 @@ PARAMETERS = {  # those after the bar by name only
     "gradient": "build theta t_span q0 v0 | rows terminal names steps forces events t_eval rtol atol **options",
     "inverse_dynamics": "mechanism times q0 | forces",
     "linearize": "mechanism q0 v0 | forces t",
-    "load": "source | loops closure free_flyer package_dirs ignore precision args",
+    "load": "source | loops closure free_flyer package_dirs ignore precision args limits dry_friction ground",
     "models": "",
     "plot": "runs *quantities | file mech",
     "record": "scene t_span file q0 v0 | load save_every forces callback **options",
