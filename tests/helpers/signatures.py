@@ -79,7 +79,9 @@ PARAMETERS = {  # those after the bar by name only
     "resume": "file | scene forces callback",
     "sensitivities": "build theta t_span q0 v0 | names steps forces events rtol atol **options",
     "serial_equivalent": "mech joints motors q0 | efforts speeds stiffness damping workspace",
-    "simulate": f"mech t_span q0 v0 | {HOW.replace('forces', 'forces control')}",
+    "simulate": f"mech t_span q0 v0 | {HOW.replace('forces', 'forces control')}".replace(
+        "max_steps", "max_steps limits dry_friction"
+    ),
     "sweep": "function cases | executor callback",
     "write": "mechanism path",
 }
