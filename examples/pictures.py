@@ -280,6 +280,36 @@ def ilqr(axes, mech, found):
     return "cranks, and torques in N·m, grey"
 
 
+def gap_and_force(axes, sol, name):
+    """The gap of a contact, and the vertical force."""
+    fine = sol.at(np.linspace(sol.t[0], sol.t[-1], 800))
+    found = fine.contact(name)
+    axes.plot(fine.t, found.force[:, 2], color=BLUE)
+    other = axes.twinx()
+    other.plot(fine.t, 1e3 * found.gap, color=ORANGE, linewidth=1)
+    other.grid(False)
+    other.set_ylabel("gap  [mm]", color=ORANGE)
+
+
+def leg(axes, mech, sol):
+    gap_and_force(axes, sol, "ground")
+    axes.set_ylim(0.0, 150.0)
+    return "vertical force of the ground  [N]"
+
+
+def clutch(axes, mech, sol):
+    motor = sol.velocity("motor")
+    axes.plot(sol.t, motor, color=BLUE, label="motor")
+    axes.plot(sol.t, motor + sol.velocity("clutch"), "--", color=ORANGE, label="load")
+    axes.legend(frameon=False)
+    return "speeds  [rad/s]"
+
+
+def cam(axes, mech, sol):
+    gap_and_force(axes, sol, "face")
+    return "force on the cam  [N]"
+
+
 FIGURES = {  # curve, time of the still or None, traces in it
     "02_four_bar": (four_bar, 1.0, ("coupler_tip",)),
     "03_driven_slider_crank": (slider_crank, 0.05, ()),
@@ -310,10 +340,13 @@ FIGURES = {  # curve, time of the still or None, traces in it
     "28_crocoddyl": (plan, None, ()),
     "29_pink": (way_of_joints, None, ()),
     "30_vector_environment": (returns, None, ()),
+    "31_standing_leg": (leg, 1.1, ()),
+    "32_clutch": (clutch, None, ()),
+    "33_cam": (cam, 0.05, ()),
 }
 
 
-ARROWS = {"02_four_bar", "04_own_mechanism", "09_delta_robot", "12_strandbeest"}  # stills with forces and torques
+ARROWS = {"02_four_bar", "04_own_mechanism", "09_delta_robot", "12_strandbeest", "31_standing_leg"}  # with forces
 
 
 def example(name):

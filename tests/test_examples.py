@@ -335,6 +335,9 @@ ANSWERS = {  # number or how it is found, relative tolerance: that of the run
     "28_crocoddyl": (lambda: module("28_crocoddyl").GOAL[0], 1e-4),  # the goal itself
     "29_pink": (tip_of_the_five_bar, 1e-6),
     "30_vector_environment": (mean_of_returns, 1e-6),
+    "31_standing_leg": ((4.0 + 4 * 0.2) * G, 1e-6),  # the weight
+    "32_clutch": (100.0 / (10.0 / 0.2 + 10.0 / 0.5), 1e-9),  # both turn alike
+    "33_cam": (np.arccos(-(8.0 + 400.0 * 0.01) / ((0.5 * 60.0**2 - 400.0) * 0.01)), 1e-7),  # m e Ω² cos φ = -spring
 }
 LONGER = {"25_ilqr": 80, "28_crocoddyl": 80, "30_vector_environment": 80}  # lines
 
