@@ -39,6 +39,43 @@ class Crank(gymnasium.Env):
         return np.array([self.target - self.sim.state.q[0], self.sim.state.v[0]])
 
 
+class Cranks(gymnasium.vector.VectorEnv):
+    """The same for many cranks, stepped together; an episode that has ended begins anew in the next step."""
+
+    def __init__(self, num_envs):
+        self.num_envs = num_envs
+        self.single_observation_space, self.single_action_space = Crank.observation_space, Crank.action_space
+        self.observation_space = gymnasium.vector.utils.batch_space(self.single_observation_space, num_envs)
+        self.action_space = gymnasium.vector.utils.batch_space(self.single_action_space, num_envs)
+        self.sims = pc.Simulations(pc.load("n_four_bar_1").with_gravity((0.0, 0.0, 0.0)), num_envs)
+        self.ended = np.zeros(num_envs, bool)
+
+    def reset(self, *, seed=None, options=None):
+        """Start new episodes: at rest, with new targets."""
+        super().reset(seed=seed)
+        self.targets, self.ended = self.np_random.uniform(-1.0, 1.0, self.num_envs), np.zeros(self.num_envs, bool)
+        self.sims.reset()
+        return self.observations(), {}
+
+    def step(self, actions):
+        """Hold torques for 20 ms."""
+        anew = self.ended
+        if anew.any():
+            self.sims.reset(anew)
+            self.targets[anew] = self.np_random.uniform(-1.0, 1.0, anew.sum())
+        self.sims.step(DT, {"crank0": MOST * np.where(anew, 0.0, actions[:, 0])})
+        found = self.observations()
+        rewards = -(found[:, 0] ** 2) - 0.01 * found[:, 1] ** 2
+        failed = self.sims.failed.copy()
+        self.ended = failed | (self.sims.state.t > END - DT / 2)
+        return found, rewards, failed, self.ended & ~failed, {}
+
+    def observations(self):
+        """The distances to the targets, and the speeds."""
+        _, q, v = self.sims.state
+        return np.column_stack((self.targets - q[:, 0], v[:, 0]))
+
+
 def run(seed=3):
     """The mechanism, an episode under a fixed policy, and its return and target."""
     env, total = Crank(), 0.0

@@ -76,6 +76,7 @@ from .run.runs import rerun as rerun
 from .run.runs import resume as resume
 from .run.simulation import integrate as integrate
 from .run.simulation import simulate as simulate
+from .run.simulations import Simulations as Simulations
 from .run.solution import Solution as Solution
 from .run.stepping import Simulation as Simulation
 from .run.sweeps import Outcome as Outcome

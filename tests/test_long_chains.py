@@ -8,6 +8,7 @@ import pytest
 from helpers.twin import with_constants, with_switches
 
 import pinconsist as pc
+from pinconsist.engine.radau_table import STAGES, eigenvectors, table
 
 
 @pytest.mark.parametrize("tol", [1e-4, 1e-7])
@@ -66,3 +67,25 @@ def test_fixed_steps_with_kept_matrices_come_down_to_rounding(links, order):
     sol = pc.simulate(pc.load(f"chain_{links}"), (0.0, 0.05), method="BDF", step=1e-3, order=order)
     assert sol.success and sol.nsteps == 50, sol.message
     assert sol.nlu < sol.nfev / 2  # matrices were kept
+
+
+@pytest.mark.parametrize("order", [3, 5, 9, 13])
+def test_stages_come_apart_by_the_eigenvalues_of_the_formula(order):
+    """With many degrees of freedom the equations of a step of Radau are solved in blocks: the motion is that of BDF."""
+    mech = pc.load("chain_36")
+    exact = pc.simulate(mech, (0.0, 0.2), method="BDF", rtol=1e-9, atol=1e-10)
+    sol = pc.simulate(mech, (0.0, 0.2), method="Radau", order=order, rtol=1e-6, atol=1e-7)
+    assert sol.success
+    np.testing.assert_allclose(sol.q[-1], exact.q[-1], atol=1e-5)
+    np.testing.assert_allclose(sol.v[-1], exact.v[-1], atol=1e-4)
+    assert sol.nfev < 40 * sol.nsteps  # Newton converges
+
+
+@pytest.mark.parametrize("s", STAGES)
+def test_eigenvectors_of_the_formula(s):
+    (real, imaginary), beside, below = eigenvectors(s)
+    made = np.zeros((s, s))
+    for k, (a, b) in enumerate(zip(real, imaginary, strict=True)):
+        vector, row = beside[:, 2 * k] + 1j * beside[:, 2 * k + 1], below[2 * k] + 1j * below[2 * k + 1]
+        made += ((2.0 if b else 1.0) * (a + 1j * b) * np.outer(vector, row)).real
+    np.testing.assert_allclose(made, table(s).inverse, rtol=1e-11, atol=1e-11)

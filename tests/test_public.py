@@ -127,6 +127,14 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
         "events": None,
         "solution": "",
     },
+    "Simulations": {
+        "mechanism": None,
+        "state": None,
+        "lam": None,
+        "step": "dt control",
+        "reset": "which q0 v0 t0",
+        "set_parameters": "values which",
+    },
     "Solution": {
         "modes": None,
         "impacts": None,

@@ -1,5 +1,7 @@
 """What the start of a run evaluates, and what it takes over from earlier ones."""
 
+import subprocess
+import sys
 import warnings
 
 import numpy as np
@@ -7,6 +9,14 @@ import pytest
 
 import pinconsist as pc
 from pinconsist.mechanism import rows as rows_module
+
+FIRST_RUN = """
+import sys
+import pinconsist as pc
+sol = pc.simulate(pc.load("four_bar"), (0.0, 0.1))
+assert sol.success
+print([name for name in sys.modules if name.partition(".")[0] == "scipy"])
+"""
 
 
 def unknown(name):
@@ -64,3 +74,15 @@ def test_a_known_start_needs_no_workspace_of_pinocchio(monkeypatch):
     monkeypatch.setattr(rows_module, "workspace", forbidden)
     again = pc.simulate(mech, (0.0, 0.01))
     np.testing.assert_array_equal(again.q, first.q)
+
+
+def test_a_first_run_imports_no_scipy():
+    done = subprocess.run([sys.executable, "-c", FIRST_RUN], capture_output=True, text=True, timeout=120)
+    assert done.stdout.strip() == "[]", done.stderr
+    assert "leaked" not in done.stderr
+
+
+def test_large_matrices_are_factorised_by_lapack_when_it_was_not_there_before():
+    code = "import pinconsist as pc; print(pc.simulate(pc.load('chain_40'), (0.0, 0.1), method='BDF').success)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert done.stdout.strip() == "True", done.stderr

@@ -15,6 +15,7 @@ states at once, by the vectors of the processor); ``kkt.hpp``; ``run.hpp`` (the 
 (derivatives).
 """
 
+import atexit
 import hashlib
 import shlex
 import sys
@@ -76,15 +77,21 @@ def required():
         raise PinconsistError(
             f"the compiled part of pinconsist cannot be loaded ({error}); install it again: {_command()}"
         ) from error
-    from scipy.linalg import cython_lapack
+    from .radau_table import STAGES, eigenvectors, gauss, table
 
-    from .radau_table import STAGES, gauss, table
-
-    _engine.use_lapack(*(cython_lapack.__pyx_capi__[name] for name in ("dgetrf", "dgetrs")))
+    _engine.load_lapack_by(_load_lapack)
+    atexit.register(_engine.load_lapack_by, None)
     for s in STAGES:
         of = table(s)
-        _engine.use_radau(of.c, of.A, of.inverse, of.inverse2, of.modes, of.raised, *gauss(s))
+        _engine.use_radau(of.c, of.A, of.inverse, of.inverse2, of.modes, of.raised, *eigenvectors(s), *gauss(s))
     return _engine
+
+
+def _load_lapack() -> None:
+    """Pass SciPy's LAPACK to the engine, which asks for it when a matrix is large: its import takes long."""
+    from scipy.linalg import cython_lapack
+
+    required().use_lapack(*(cython_lapack.__pyx_capi__[name] for name in ("dgetrf", "dgetrs")))
 
 
 def constant(name: str) -> float:

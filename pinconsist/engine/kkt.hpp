@@ -11,20 +11,25 @@
 
 namespace pinconsist {
 
-// SciPy's LAPACK, passed from Python; it is faster for LARGE or more unknowns. Its solve wakes the threads of OpenBLAS
+// SciPy's LAPACK, which `load` lets Python pass when it is first needed; it is faster for LARGE or more unknowns. Its solve wakes the threads of OpenBLAS
 // even for a microsecond's work, and is used only for SLOW solutions.
 struct Lapack {
   using Factorise = void (*)(int *, int *, double *, int *, int *, int *);
   using Solve = void (*)(char *, int *, int *, double *, int *, int *, double *, int *, int *);
   static inline Factorise factorise = nullptr;
   static inline Solve solve = nullptr;
+  static inline void (*load)() = nullptr;
+  // To be called where matrices of this size will be factorised: the import takes too long in the middle of a run.
+  static void prepare(int unknowns) {
+    if (unknowns >= LARGE && !factorise) load();
+  }
   static constexpr int LARGE = 45, SLOW = 100000; // unknowns; squared, times right-hand sides
 };
 
 // Factors of a square matrix, with row pivots.
 class LU {
 public:
-  explicit LU(int n) : n_(n), lu_(n, n), inverses_(n), pivots_(n) {}
+  explicit LU(int n) : n_(n), lu_(n, n), inverses_(n), pivots_(n) { Lapack::prepare(n); }
 
   int size() const { return n_; }
 

@@ -54,6 +54,33 @@ using Place = std::array<int, 3>;     // of a joint: Coordinate
 using Numbers = std::array<double, 5>; // of a Motion
 using Range = std::pair<double, double>;
 
+// Independent rows first, and how far each is from a combination of those before it. Of rows that are equally far the
+// first one is taken, whatever rounding says.
+nb::tuple pivoted(const Mat &rows) {
+  constexpr double EQUAL = 1e-10;
+  Mat A = rows.transpose();
+  const Eigen::Index n = A.cols(), most = std::min(A.rows(), n);
+  Eigen::VectorX<std::int64_t> order = Eigen::VectorX<std::int64_t>::LinSpaced(n, 0, n - 1);
+  Vec sizes(most), reflector;
+  for (Eigen::Index k = 0; k < most; ++k) {
+    const Vec left = A.bottomRightCorner(A.rows() - k, n - k).colwise().norm().transpose();
+    Eigen::Index chosen = 0;
+    while (left[chosen] < (1.0 - EQUAL) * left.maxCoeff()) ++chosen;
+    sizes[k] = left[chosen];
+    A.col(k).swap(A.col(k + chosen));
+    std::swap(order[k], order[k + chosen]);
+    if (sizes[k] == 0.0) continue;
+    reflector = A.col(k).tail(A.rows() - k);
+    reflector[0] += std::copysign(sizes[k], reflector[0]);
+    auto rest = A.bottomRightCorner(A.rows() - k, n - k - 1);
+    const Vec parts = rest.transpose() * reflector * (2.0 / reflector.squaredNorm());
+    rest -= reflector * parts.transpose();
+  }
+  return nb::make_tuple(order, sizes);
+}
+
+nb::handle lapack_loader; // let go at the end of the process
+
 // Arguments from Python as the types that rows and forces take.
 SE3 taken(const Pose &pose) { return SE3(Matrix3d(pose.topLeftCorner<3, 3>()), Vector3d(pose.topRightCorner<3, 1>())); }
 Motion taken(const Numbers &n) { return {n[0], n[1], n[2], n[3], n[4]}; }
@@ -93,19 +120,29 @@ NB_MODULE(_engine, m) {
     return std::vector<std::string>(names, names + number);
   });
   m.def("use_instruction_set", &lanes::use); // for tests; "" is the best; runs that exist keep theirs
+  m.def("load_lapack_by", [](nb::object function) { // which calls use_lapack
+    lapack_loader.dec_ref();
+    lapack_loader = function.release();
+    Lapack::load = [] {
+      nb::gil_scoped_acquire holds;
+      lapack_loader();
+    };
+  }, "function"_a.none());
   m.def("use_lapack", [](nb::capsule factorise, nb::capsule solve) {
     Lapack::factorise = reinterpret_cast<Lapack::Factorise>(factorise.data());
     Lapack::solve = reinterpret_cast<Lapack::Solve>(solve.data());
   });
 
   m.def("use_radau", [](const Vec &c, const Mat &A, const Mat &inverse, const Mat &inverse2, const Mat &modes,
-                        const Mat &raised, const Vec &between, const Vec &weights, const Mat &reach) {
+                        const Mat &raised, const Mat &eigenvalues, const Mat &eigenvectors, const Mat &to_eigenvectors, const Vec &between,
+                        const Vec &weights, const Mat &reach) {
     const int s = static_cast<int>(c.size());
     const Vec signs = Vec::NullaryExpr(s, [](Eigen::Index k) { return k % 2 ? -1.0 : 1.0; });
     const Mat at_start = signs.transpose() * modes;
-    RadauTable::of[s] = {s, c, A, inverse, inverse2, modes, raised, between, weights, reach, at_start.transpose(),
+    RadauTable::of[s] = {s, c, A, inverse, inverse2, modes, raised, between, weights, reach, eigenvalues, eigenvectors, to_eigenvectors, at_start.transpose(),
                          (modes.row(s - 1) * inverse2).norm(), (at_start * inverse2).norm()};
   });
+  m.def("pivoted", &pivoted);
   nb::class_<JointNumbers>(m, "JointNumbers")
       .def("__init__",
            [](JointNumbers *at, std::string kind, std::vector<double> numbers,

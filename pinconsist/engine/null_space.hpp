@@ -56,6 +56,8 @@ public:
 
   // The dependent columns, then the others.
   const std::vector<int> &order() const { return order_; }
+  // Try those of another one first.
+  void follow(const Elimination &other) { order_ = other.order_; }
 
 private:
   static constexpr double STEEPEST = 10.0; // slope of the dependent columns by the others above which others are chosen

@@ -48,12 +48,14 @@ public:
     stages.use(table);
     matrix_.use(table.s);
     contraction_ = 0.0;
+    kept_h_ = 0.0;
   }
 
   // Discard all information about earlier steps.
   void forget() {
     matrix_.forget();
     contraction_ = 0.0;
+    kept_h_ = 0.0;
   }
 
   // The next step begins where this one ends.
@@ -62,8 +64,9 @@ public:
   // M, ∂f/∂v and ∂f/∂p at the last stage, as in Newton's matrix.
   auto at_end() const { return matrix_.at_end(); }
 
-  // Iterate from the accelerations W to the solution. `weight` are reciprocal tolerances of [ξ | v].
-  Failure solve(const Vec &weight, double tol) {
+  // Iterate from the accelerations W to the solution. `weight` are reciprocal tolerances of [ξ | v]. The matrix of an
+  // earlier step may be used where `keeps`, if that was as long.
+  Failure solve(const Vec &weight, double tol, bool keeps = false) {
     const int s = stages.size();
     const double floor = 20.0 * EPS * s * s / std::abs(stages.h);
     double last = 0.0, first = 0.0;
@@ -71,15 +74,27 @@ public:
     const double longer = std::max(1.0, std::abs(stages.h / h_before_));
     contraction_ *= longer * longer; // it grows at most like h²; the start values are those of shorter steps
     h_before_ = stages.h;
+    const bool same = kept_h_ != 0.0 && std::abs(stages.h - kept_h_) <= SAME_STEP * std::abs(kept_h_);
+    bool kept = keeps && same && matrix_.may_be_kept() && ++kept_steps_ < static_cast<int>(KEPT);
     stages.xi.setZero();
     if (!stages.move()) return Failure::diverged;
     for (int iteration = 1; iteration <= MAX_STAGE_ITERATIONS; ++iteration) {
-      const bool fresh = iteration == 1 || rate > FRESH_RATE;
+      bool fresh = (iteration == 1 && !kept) || rate > FRESH_RATE;
       nfev += s;
-      if (!matrix_.evaluate(fresh, iteration > 1, njev)) return Failure::singular;
+      bool regular = matrix_.evaluate(fresh, iteration > 1, njev);
+      if (!regular && kept && !fresh) { // other velocities depend on the rest now
+        fresh = true;
+        regular = matrix_.evaluate(fresh, iteration > 1, njev);
+      }
+      if (!regular) return Failure::singular;
       if (fresh) {
         ++nlu;
+        kept = false;
+        kept_h_ = 0.0;
         if (!matrix_.factorise()) return Failure::singular;
+        kept_h_ = stages.h;
+        kept_steps_ = 0;
+        kept_rate_ = 0.0;
       }
       matrix_.solve(dP_, dV_);
       const double size = size_of(weight);
@@ -92,8 +107,13 @@ public:
       stages.W += dW_;
       if (!stages.move()) return Failure::diverged;
       const double reach = 1.0 + largest(stages.P.col(s - 1)), step = largest(dV_);
-      if (iteration > 1) contraction_ = std::max(rate / std::sqrt(first), 0.3 * contraction_);
-      const double expected = contraction_ * std::sqrt(first);
+      if (kept && iteration == 2) {
+        kept_rate_ = std::max(rate, 0.3 * kept_rate_);
+        if (kept_rate_ > STALE) kept_h_ = 0.0; // the next step has a new matrix
+      } else if (iteration > 1 && !kept) {
+        contraction_ = std::max(rate / std::sqrt(first), 0.3 * contraction_);
+      }
+      const double expected = kept ? kept_rate_ : contraction_ * std::sqrt(first);
       const bool eager = eager_ && iteration == 1 && expected > 0.0 && expected < 1.0 && size < EAGER &&
                          expected * size < (1.0 - expected) * tol;
       if (eager) rate = expected;
@@ -116,6 +136,8 @@ public:
 
 private:
   static constexpr double EAGER = 30.0; // of the tolerance: a larger first increment is never the last
+  static constexpr double STALE = 0.1; // contraction with a matrix that is not worth keeping
+  static constexpr double SAME_STEP = 1e-9; // relative difference of steps as long as each other
 
   // Whether the increments are only rounding errors, beside the largest velocity before them.
   bool rounded(double before, double noise, double per_position) {
@@ -144,6 +166,9 @@ private:
   // Contraction in the last steps, over the root of the first increment: the matrix is that of the state before it.
   double contraction_ = 0.0;
   double h_before_ = INF; // the step tried before
+  // The step of the matrix, 0 if it is not to be kept; steps since then; contraction with it, 0 if it is not known.
+  double kept_h_ = 0.0, kept_rate_ = 0.0;
+  int kept_steps_ = 0;
   Mat dP_, dV_, dW_;
 };
 

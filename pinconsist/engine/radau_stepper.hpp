@@ -307,7 +307,7 @@ private:
     if (shaped_ && std::abs(newton.stages.h) < FORESEEN * std::abs(shape_.h)) shape_.predict(newton.stages);
     else newton.stages.W = a.replicate(1, s) + slope_ * (newton.stages.h * newton.stages.table->c.transpose());
     const double tol = weights();
-    const Failure failure = newton.solve(weight_, tol);
+    const Failure failure = newton.solve(weight_, tol, switches_.kept_matrix && !fixed());
     if (failure != Failure::none) return failure;
     for (int i = 0; i < s && turns.rows(); ++i)
       if (bdf::fastest_turn(turns, newton.stages.xi.col(i)) > MAX_CHART_TURN) return Failure::turns_too_far;

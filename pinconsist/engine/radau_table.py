@@ -76,3 +76,18 @@ def gauss(s: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     points, weights = legendre.leggauss(s + 1)
     between = 0.5 * (1.0 + points)
     return between, 0.5 * weights, table(s).integrals(between)
+
+
+@cache
+def eigenvectors(s: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Eigenvalues of A⁻¹, (2, m), eigenvectors (s, 2 m), and the rows (2 m, s) of their inverse.
+
+    Real and imaginary parts are beside or below each other. Of conjugate pairs only one is there.
+    """
+    values, vectors = np.linalg.eig(table(s).inverse)
+    inverse = np.linalg.inv(vectors)
+    kept = np.flatnonzero(values.imag >= 0.0)
+    values, vectors, inverse = values[kept], vectors[:, kept], inverse[kept]
+    beside = np.stack((vectors.real, vectors.imag), axis=2).reshape(s, -1)
+    below = np.stack((inverse.real, inverse.imag), axis=1).reshape(-1, s)
+    return np.array((values.real, values.imag)), beside, below

@@ -3,6 +3,7 @@
 
 #include "charts.hpp"
 #include "kkt.hpp"
+#include "stage_blocks.hpp"
 #include "stages.hpp"
 #include "state_lanes.hpp"
 
@@ -32,7 +33,9 @@ public:
 
   StageMatrix(System &system, const Stages &stages, const Switches &switches)
       : system_(system), stages_(stages), few_(switches.few_derivatives), may_lanes_(switches.lanes), with_rows_(switches.row_derivatives), lu_(0),
-        dependent_(system.nc), columns_(system.nc, system.nc), lam_(system.nc) {}
+        dependent_(system.nc), columns_(system.nc, system.nc), lam_(system.nc) {
+    Lapack::prepare(static_cast<int>(MOST_STAGES) * (system.nv - system.nc));
+  }
 
   void use(int s) {
     const int nv = system_.nv, nc = system_.nc, nd = nv - nc;
@@ -49,8 +52,11 @@ public:
     tree_ = may_lanes_ ? system_.in_lanes() : nullptr;
     if (tree_) states_.use(*tree_, s);
     times_.resize(s);
-    lu_ = LU(s * nd);
-    matrix_.resize(s * nd, s * nd);
+    may_part_ = nd > StageBlocks::LEAST && charts_.empty() && symmetric();
+    in_blocks_ = false;
+    if (may_part_) blocks_.use(*stages_.table, nd);
+    lu_ = LU(may_part_ ? 0 : s * nd); // later if it is needed
+    matrix_.resize(0, 0);
     y_.resize(s * nd);
   }
 
@@ -94,6 +100,7 @@ public:
       if (open <= GAP_LEFT * (1.0 + largest(p_))) system_.phi.setZero();
       else gap = std::max(gap, open);
       const Mat &W = system_.velocity_jacobian(t, p_, v_);
+      if (may_part_ && i && fresh) right_[i].follow(right_[0]);
       if (!right_[i].reduce(W, system_.phi, fresh, Z_[i], closing_.col(i))) return false;
       if (!symmetric()) {
         spare_.resize(system_.nv);
@@ -103,6 +110,9 @@ public:
     }
     return true;
   }
+
+  // Whether later steps may be solved with the matrix that was factorised last.
+  bool may_be_kept() const { return side_by_side_; }
 
   // With the last derivatives; false if it is singular.
   bool factorise() {
@@ -115,6 +125,13 @@ public:
     const Mat &at_start = F_before_.size() ? F_before_ : F_;
     double *row = row_.data();
     if (!nd) return true;
+    in_blocks_ = may_part_ && same_columns();
+    if (in_blocks_) {
+      const int middle = (s - 1) / 2;
+      if (rows_bend_) K_[middle] -= at_start + stages_.table->c[middle] * (F_ - at_start);
+      return factorise_blocks(middle);
+    }
+    make_room();
     for (int i = 0; i < s; ++i) {
       across(M_[i], left(i), MY_.data(), nv);
       across(D_[i], left(i), DY_.data(), nv);
@@ -156,7 +173,7 @@ public:
         }
         across(left(i), left_over_, &y_[i * nd], nd);
       }
-      lu_.substitute(y_.data(), 1);
+      substitute();
       for (int i = 0; i < s; ++i)
         for (int k = 0; k < nd; ++k) dP.col(i) += y_[i * nd + k] * Z_[i].col(k);
     }
@@ -231,8 +248,58 @@ private:
     turn_charts();
     if (system_.nv == system_.nc) return true;
     pack_charts();
+    in_blocks_ = may_part_;
+    if (in_blocks_) {
+      const int middle = (table.s - 1) / 2;
+      unpack(middle);
+      null_space_in_lanes(middle);
+      return factorise_blocks(middle);
+    }
+    make_room();
     kernel.assemble(states_.fields, states_.reduction, step(), lu_.numbers());
     return lu_.factorise_numbers();
+  }
+
+  // By M, D and K of a stage in its null space.
+  bool factorise_blocks(int i) {
+    const int nd = static_cast<int>(Z_[i].cols());
+    for (auto [all, of] : {std::pair{&M_, 0}, {&D_, 1}, {&K_, 2}}) {
+      parts_[of].resize(nd, nd);
+      MY_.noalias() = (*all)[i] * Z_[i];
+      parts_[of].noalias() = Z_[i].transpose() * MY_;
+    }
+    return blocks_.factorise(stages_.h, parts_[0], parts_[1], parts_[2]);
+  }
+
+  void substitute() {
+    if (in_blocks_) blocks_.solve(y_.data(), !side_by_side_);
+    else lu_.substitute(y_.data(), 1);
+  }
+
+  // For the whole matrix.
+  void make_room() {
+    const int size = stages_.size() * (system_.nv - system_.nc);
+    if (lu_.size() != size) lu_ = LU(size);
+    if (!side_by_side_) matrix_.resize(size, size);
+  }
+
+  // Whether all stages have the same dependent velocities.
+  bool same_columns() const {
+    return std::all_of(right_.begin(), right_.end(), [&](const auto &each) { return each.order() == right_[0].order(); });
+  }
+
+  // Z of a stage with the dependent velocities of all.
+  void null_space_in_lanes(int i) {
+    const int nv = system_.nv, nc = system_.nc;
+    const int *order = states_.reduction.order;
+    Mat transposed(nv, nc), rest(nc, nv - nc);
+    states_.get(states_.fields.J, static_cast<long>(nc) * nv, i, transposed.data());
+    for (int k = 0; k < nc; ++k) columns_.col(k) = transposed.row(order[k]).transpose();
+    for (int k = nc; k < nv; ++k) rest.col(k - nc) = transposed.row(order[k]).transpose();
+    if (nc && dependent_.factorise(columns_)) dependent_.substitute(rest.data(), nv - nc);
+    Z_[i].setZero();
+    for (int k = 0; k < nc; ++k) Z_[i].row(order[k]) = -rest.row(k);
+    for (int k = nc; k < nv; ++k) Z_[i](order[k], k - nc) = 1.0;
   }
 
   lanes::Step step() const {
@@ -271,7 +338,7 @@ private:
     dP.resize(nv, table.s);
     if (nv > system_.nc) {
       kernel.right_side(states_.fields, states_.reduction, step(), y_.data());
-      lu_.substitute(y_.data(), 1);
+      substitute();
     }
     kernel.increments(states_.fields, states_.reduction, table.s, y_.data(), dP.data(), closing_.data());
     along(dP, dV, 1.0 / stages_.h);
@@ -413,6 +480,9 @@ private:
   const Stages &stages_;
   bool few_, may_lanes_, with_rows_, rows_bend_ = false, begun_ = false; // begun_: M, D and K are known at the start of the step
   LU lu_, dependent_;
+  StageBlocks blocks_;
+  bool may_part_ = false, in_blocks_ = false; // the stages come apart; in the matrix factorised last
+  Mat parts_[3];
   Mat columns_, F_, F_before_, none_, f_, closing_, along_, twice_, MY_, DY_, KY_, row_, left_over_, matrix_, T_, units_, turned_;
   Known middle_, middle_before_, end_before_;
   std::vector<Mat> Z_, Y_, M_, D_, K_, ad_;

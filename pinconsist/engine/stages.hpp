@@ -16,6 +16,9 @@ struct RadauTable {
   Mat raised;                      // the same with a value at the start
   Vec between, weights;            // Gauss's formula with s + 1 points
   Mat reach;                       // integrals of the stages' polynomials up to these points
+  Mat eigenvalues;                 // of A⁻¹, (2, m): real and imaginary parts of the real ones, and of one of each pair
+  Mat eigenvectors;                // (s, 2 m): real and imaginary parts, column by column
+  Mat to_eigenvectors;             // (2 m, s): of the inverse of all eigenvectors, row by row
   Vec at_start;                    // weights of the stages for the value of their polynomial at the start
   // How much rounding of stage positions affects the highest coefficient, and this value, times h².
   double leading = 0.0, starting = 0.0;

@@ -146,7 +146,7 @@ CONSTANT(STALE_FACTOR, 0.3); // factor of Newton's tolerance for a kept matrix, 
 CONSTANT(WORTH, 32.0); // a new matrix and its factors cost as much as nv/WORTH iterations (measured on long chains)
 CONSTANT(WIDEST, 2.0); // largest factor of change of c for which a matrix is kept
 CONSTANT(REMEMBERED, 20); // number of steps for which a measurement is used
-CONSTANT(KEPT, 8); // number of steps for which the derivatives of forces are kept
+CONSTANT(KEPT, 8); // number of steps for which the derivatives of forces, and Radau's matrix in equal steps, are kept
 
 #undef CONSTANT
 
@@ -163,6 +163,7 @@ struct Switches {
   bool few_derivatives = true;    // Radau with five or more stages: derivatives at two, interpolated at the others
   bool lanes = true;              // Radau: all stages evaluated at once, where the mechanism's joints permit it
   bool row_derivatives = true;    // Radau: the derivative of the constraint forces at once, not only if Newton is slow
+  bool kept_matrix = true;        // Radau in steps of equal size, as of a controller: the matrix of some steps ago
 };
 
 } // namespace pinconsist

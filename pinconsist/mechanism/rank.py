@@ -3,8 +3,8 @@
 from math import sqrt
 
 import numpy as np
-from scipy.linalg.lapack import dgeqp3, dsyev
 
+from ..engine.pivots import pivoted
 from ..errors import SingularSystemError
 from .names import joints_in
 
@@ -31,9 +31,8 @@ class Ranking:
 
     def __init__(self, J, turns):
         self.scales, self._pivots, self._by = row_scales(J, turns), np.zeros(0, int), np.zeros(0)
-        if J.size:  # qr(J.T, mode="r", pivoting=True) spends most of its time on checks and copies
-            R, pivots, *_ = dgeqp3((J / self.scales[:, None]).T)
-            self._pivots, self._by = pivots - 1, np.abs(R.diagonal())
+        if J.size:
+            self._pivots, self._by = pivoted(J / self.scales[:, None])
         self._rank = np.count_nonzero(self._by > RANK_TOLERANCE * self._by.max(initial=0.0))
         self.kept = np.sort(self._pivots[: self._rank])
 
@@ -104,7 +103,7 @@ def _look_for_singularity(system, q) -> None:
         )
     M = system.mass_matrix(q)
     if system.dropped_are_zero:
-        inertia = dsyev(M, compute_v=0)[0]  # bounds for the inertias of the free motions
+        inertia = np.linalg.eigvalsh(M)  # bounds for the inertias of the free motions
         if inertia[0] > MASSLESS * inertia[-1]:
             return
     free = null_space(system.loop_rows(q)[1][system.kept])

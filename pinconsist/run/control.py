@@ -28,6 +28,7 @@ class Switches:
     few_derivatives: bool = True
     lanes: bool = True
     row_derivatives: bool = True
+    kept_matrix: bool = True
 
 
 @dataclass

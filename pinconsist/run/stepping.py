@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import wraps
 from math import isfinite
 from threading import Lock
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -475,3 +475,34 @@ class Simulation:
         status = STOPPED if self._message else SUCCESS
         found = trajectory_of(self._stepper, self._method, self._record, self._watch, span, status, message)
         return Solution._from_trajectory(found, self._method, self._events)
+
+
+class InEngine(NamedTuple):
+    """What advances a run without Python: itself in C++, the tables of held torques and commands, and its λ."""
+
+    run: Any
+    tables: list
+    multipliers: Callable
+
+
+def in_engine(sim: Simulation) -> InEngine | None:
+    """What advances a run without Python; None if Python has something to do in a step."""
+    if sim._message or not (sim._quick and sim._resumes) or sim._changing is not None or sim._method.name != "Radau":
+        return None
+    tables = [held.table for held in (sim._control, *sim._actuators.values())]
+    run = sim._stepper.core
+    if run is None or None in tables:
+        return None
+    return InEngine(run, tables, sim._stepper.multipliers)
+
+
+def set_advanced(sim: Simulation, t: float, q, v) -> None:
+    """Let a run stand at a state that its part in C++ has reached without it; the steps up to there are not kept."""
+    for each in q, v:
+        each.setflags(write=False)
+    sim._place, sim._before, sim._jumped = (t, q, v), None, False
+
+
+def actuators_of(sim: Simulation) -> list[str]:
+    """The names of the actuators of a run, which take commands."""
+    return list(sim._actuators)

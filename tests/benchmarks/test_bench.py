@@ -12,7 +12,7 @@ import pytest
 from helpers import command_line
 from helpers.mjcf_zoo import ZOO
 
-from benchmarks import actuation, gradients, mjcf_actuators, sampled, sweep
+from benchmarks import actuation, gradients, mjcf_actuators, sampled, stepped, sweep
 from benchmarks.against import against
 from benchmarks.app import main
 from benchmarks.around import CHECK, FORCE, PLAIN, around
@@ -28,6 +28,14 @@ def test_each_way_of_sampling_is_timed_and_right():
     rows = sampled.measured([replace(sampled.SCENES[0], periods=(0.1,))], repeats=1)
     assert {row.way for row in rows} == set(sampled.WAYS)
     assert all(row.time > 0.0 and row.q < 1e-3 and row.lam < 1.0 for row in rows)
+
+
+def test_steps_of_a_millisecond_are_timed_and_right(monkeypatch):
+    for name in "STEPS", "ROUNDS", "RUNS":
+        monkeypatch.setattr(stepped, name, 2)
+    rows = stepped.measured(["four_bar"])
+    assert all(row.time > 0.0 for row in rows)
+    assert all(row.q < 1e-3 and row.gap < 1e-12 for row in rows if not row.way.startswith("MuJoCo"))
 
 
 def test_sweeps_and_threads_are_timed():

@@ -51,6 +51,7 @@ PARAMETERS = {  # those after the bar by name only
     "SerialEquivalent": "joints motors q T rotors linkage inertia armature torque_vertices torque torque_together speed"
     " speed_together position stiffness_matrix damping_matrix stiffness damping cost",
     "Servo": "joint target stiffness damping rate",
+    "Simulations": "mech n q0 v0 | threads **options",
     "Simulation": "mech q0 v0 | t0 method step order rtol atol forces events max_step backend",
     "Solution": "t q v lam success status message nsteps nfev njev nlu rejected h order method scene recipe versions"
     " held contacts sol t_events q_events v_events system",

@@ -59,6 +59,11 @@ class BoundHeld(BoundForce):
         part = (self._sign * t - keys[n - 1]) / (keys[n] - keys[n - 1])
         return part if i == n else 1.0 - part if i == n - 1 else 0.0
 
+    @property
+    def table(self):
+        """The table in C++, if it is there."""
+        return self._table
+
     def torque(self, t, q, v):
         held = self.entry(t)
         return np.zeros(self._nv) if held is None else held.copy()

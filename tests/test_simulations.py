@@ -1,0 +1,172 @@
+"""Several runs of one mechanism, advanced together."""
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinconsist as pc
+
+N = 5
+
+
+def alone(mech, q0, v0, torques, dt, **options):
+    """The state that a Simulation reaches under these torques, a row for each step."""
+    sim = pc.Simulation(mech, **options)
+    sim.reset(q0, v0)
+    for torque in torques:
+        state = sim.step(dt, torque)
+    return state, sim.lam
+
+
+@pytest.fixture(scope="module", params=["crank_rocker", "stewart_platform"])
+def scene(request):
+    """A mechanism, states on its constraints and torques (steps, N, nv)."""
+    mech = pc.load(request.param)
+    sol = pc.simulate(mech, (0.0, 0.3), t_eval=np.linspace(0.0, 0.3, N), dense_output=True)
+    starts = [pc.assemble(mech, q, v) for q, v in zip(sol.q, sol.v, strict=True)]
+    rng = np.random.default_rng(1)
+    torques = rng.uniform(-1.0, 1.0, (6, N, mech.nv))
+    torques[2] = torques[1]
+    return mech, np.array([each.q for each in starts]), np.array([each.v for each in starts]), torques
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("options", [{}, {"rtol": 1e-3, "atol": 1e-3}])
+def test_each_run_is_that_of_a_simulation_of_its_own_bit_for_bit(scene, threads, options):
+    mech, q, v, torques = scene
+    sims = pc.Simulations(mech, N, q, v, threads=threads, **options)
+    for each in torques:
+        states = sims.step(1e-3, each)
+    for i in range(N):
+        expected, lam = alone(mech, q[i], v[i], torques[:, i], 1e-3, **options)
+        np.testing.assert_array_equal(states.q[i], expected.q)
+        np.testing.assert_array_equal(states.v[i], expected.v)
+        np.testing.assert_array_equal(sims.lam[i], lam)
+    np.testing.assert_allclose(states.t, 6e-3, rtol=1e-12)
+
+
+def test_some_runs_begin_anew_and_the_others_go_on():
+    mech = pc.load("five_bar")
+    sims = pc.Simulations(mech, 3)
+    for _ in range(4):
+        sims.step(0.01)
+    before = sims.state
+    after = sims.reset(np.array([False, True, False]))
+    np.testing.assert_array_equal(after.q[[0, 2]], before.q[[0, 2]])
+    np.testing.assert_array_equal(after.q[1], pc.assemble(mech).q)
+    assert after.t.tolist() == [before.t[0], 0.0, before.t[2]]
+    for _ in range(4):
+        states = sims.step(0.01)
+    np.testing.assert_array_equal(states.q[1], before.q[1])
+    assert states.t[0] == pytest.approx(0.08)
+
+
+def test_parameters_by_run():
+    mech = pc.load("crank_rocker")
+    masses = np.array([0.5, 1.0, 4.0])
+    sims = pc.Simulations(mech, 3, v0={"crank": 5.0})
+    sims.set_parameters({"mass:coupler": masses, "gravity[2]": -1.0})
+    for _ in range(10):
+        states = sims.step(0.02)
+    for i, mass in enumerate(masses):
+        own = mech.with_parameters({"mass:coupler": mass, "gravity[2]": -1.0})
+        exact = pc.simulate(own, (0.0, 0.2), v0={"crank": 5.0}, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(states.q[i], exact.q[-1], atol=1e-6)
+
+
+def test_torques_by_name_for_all_runs_and_for_each():
+    mech = pc.load("crank_rocker").with_gravity((0.0, 0.0, 0.0))
+    sims = pc.Simulations(mech, 2)
+    for _ in range(3):
+        states = sims.step(0.01, {"crank": 1.0})
+    np.testing.assert_array_equal(states.q[0], states.q[1])
+    for _ in range(3):
+        states = sims.step(0.01, {"crank": np.array([1.0, -1.0])})
+    assert states.v[0, 0] > states.v[1, 0]
+    zero = pc.Simulations(mech, 2)
+    for _ in range(6):
+        zero.step(0.01)
+    np.testing.assert_allclose(zero.state.v, 0.0, atol=1e-12)
+
+
+def test_commands_of_actuators_stay_until_others_come():
+    mech = pc.load("crank_rocker").add_forces(pc.Actuator("motor", "crank", gain=(2.0, 0.0, 0.0)))
+    sims, both = pc.Simulations(mech, 2), [pc.Simulation(mech), pc.Simulation(mech)]
+    for commands in ([0.0, 1.0], [0.5, 1.0], None, [0.5, -1.0]):
+        states = sims.step(0.01, None if commands is None else {"motor": np.array(commands)})
+        for i, sim in enumerate(both):
+            state = sim.step(0.01, None if commands is None else {"motor": commands[i]})
+            np.testing.assert_array_equal(states.q[i], state.q)
+
+
+def test_contacts_and_functions_of_the_user_run_one_after_another():
+    mech = pc.load("four_bar").add_forces(lambda t, q, v: -0.1 * v)
+    sims = pc.Simulations(mech, 2)
+    sim = pc.Simulation(mech)
+    for _ in range(3):
+        states, state = sims.step(0.01, {"crank": 0.2}), sim.step(0.01, {"crank": 0.2})
+    np.testing.assert_array_equal(states.q, np.tile(state.q, (2, 1)))
+
+
+def test_a_run_that_fails_stands_still_and_the_others_go_on():
+    mech = pc.load("crank_rocker")
+    sims = pc.Simulations(mech, 2)
+    for _ in range(2):
+        sims.step(0.01)
+    with np.errstate(all="ignore"):
+        for _ in range(3):
+            states = sims.step(0.01, {"crank": np.array([1e300, 0.0])})
+    assert sims.failed.tolist() == [True, False] and sims.messages[0]
+    assert states.t[1] == pytest.approx(0.05) and states.t[0] < 0.05
+    assert np.isfinite(states.q).all()
+    sims.reset([0])
+    assert not sims.failed.any()
+    assert sims.step(0.01).t[0] == pytest.approx(0.01)
+
+
+def test_bad_arguments():
+    mech = pc.load("four_bar")
+    for n in 0, 1.5, True, "2":
+        with pytest.raises(pc.InputError, match="n must be a positive whole number"):
+            pc.Simulations(mech, n)
+    with pytest.raises(pc.InputError, match="a row for each of 2 runs"):
+        pc.Simulations(mech, 2, np.zeros((3, 3)))
+    sims = pc.Simulations(mech, 2)
+    with pytest.raises(pc.InputError, match="no joint 'crnk'"):
+        sims.step(0.01, {"crnk": 1.0})
+    with pytest.raises(pc.InputError, match=r"needs the shape \(2,\) or \(\), got \(3,\)"):
+        sims.step(0.01, {"crank": np.zeros(3)})
+    with pytest.raises(pc.InputError, match="not finite"):
+        sims.step(0.01, np.full((2, 3), np.nan))
+    with pytest.raises(pc.InputError, match="dt must be a positive"):
+        sims.step(0.0)
+    with pytest.raises(pc.InputError, match="which must be a mask of 2 booleans, or indices from 0 to 1"):
+        sims.reset([2])
+    with pytest.raises(pc.InputError, match="no parameter 'mass:crnk'"):
+        sims.set_parameters({"mass:crnk": 1.0})
+
+
+def test_the_environments_of_the_example_are_those_of_one_crank():
+    gymnasium = pytest.importorskip("gymnasium")
+    path = Path(__file__).parents[1] / "examples" / "23_gymnasium.py"
+    example = runpy.run_path(str(path))
+    cranks, n = example["Cranks"](3), 3
+    assert isinstance(cranks, gymnasium.vector.VectorEnv)
+    cranks.reset(seed=3)
+    singles = [example["Crank"]() for _ in range(n)]
+    for single, target in zip(singles, cranks.targets, strict=True):
+        single.reset(seed=0)
+        single.target = target
+    rng = np.random.default_rng(0)
+    for k in range(50):
+        actions = rng.uniform(-1.0, 1.0, (n, 1))
+        found, rewards, _, ended, _ = cranks.step(actions)
+        for i, single in enumerate(singles):
+            expected, reward, *_ = single.step(actions[i])
+            np.testing.assert_allclose(found[i], expected, atol=1e-12)
+            assert rewards[i] == pytest.approx(reward, abs=1e-12)
+        assert ended.all() == (k == 49)
+    cranks.step(np.zeros((n, 1)))
+    np.testing.assert_allclose(cranks.sims.state.t, 0.02)
