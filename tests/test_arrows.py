@@ -28,7 +28,7 @@ MAY_IMPORT = {
     "judging": {"run", "engine", "formats", "view", "mechanism", "files", "errors"},
     "cli": {"__init__", "paper", "judging", "run", "view", "formats", "mechanism", "files", "errors"},
 }
-ENGINE_SEEN_BY = {"mechanism": {"problem", "arguments", "complementarity", "pivots", "systems"}}  # "systems": rows and forces
+ENGINE_SEEN_BY = {"mechanism": {"problem", "arguments", "complementarity", "pivots", "systems"}}  # systems: rows
 OPTIONAL = {
     "pxr",
     "meshcat",
