@@ -17,7 +17,7 @@ from ..mechanism.reactions import States, listed, not_determined, shared_loads, 
 from ..mechanism.rows import Workspace
 from ..mechanism.system import MechanismSystem
 from .accuracy import OFF, GlobalError, accelerations, figure, global_error, measured, work_of
-from .contact_results import row_units
+from .contact_results import row_units, too_slow
 
 OPEN_LOOP = 1e-8  # m or rad, and m/s or rad/s: a loop with a larger gap is open
 UNCLEAR = 0.1 * OFF  # an energy balance that is off by more may be so because rows are few
@@ -336,6 +336,8 @@ def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
     )
     phi, exact = np.abs(phi), exact[compared]
     error = np.abs(forces[compared] - exact)
+    if solution.contacts is not None:  # friction without a direction
+        error[too_slow(mechanism, solution.contacts, _sides(system, t, q, v), q, v)[compared]] = 0.0
     position, where, units, scale = 0.0, "", ("", ""), max(largest(exact), acting) or 1.0
     if phi.size:
         i, row = np.unravel_index(np.argmax(phi), phi.shape)
