@@ -69,6 +69,7 @@ def test_a_step_of_bdf_is_interpolated_to_order_six():
         object.__setattr__(rows, "h", np.diff(t))
         object.__setattr__(rows, "order", np.full(n, 5))
         object.__setattr__(rows, "sol", None)
+        object.__setattr__(rows, "_run", None)
         rows.method.update(method="BDF")
         middles = 0.5 * (t[1:] + t[:-1])
         errors.append(apart(mech, rows.at(middles).q, exact.at(middles).q))

@@ -66,7 +66,7 @@ public:
   }
 
 private:
-  static constexpr double STEP = 5e-3;      // rad or m, as SMOOTH of mechanism/lie.py
+  static constexpr double STEP = 5e-3;      // rad or m, as SMOOTH of mechanism/axes.py
   static constexpr double CONSTANT = 1e-10; // change of S that is rounding
 
   struct Joint {

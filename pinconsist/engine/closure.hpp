@@ -1,4 +1,4 @@
-// Follower of analysis/coordinates.py: closed configurations along a path of a few coordinates, within one assembly mode.
+// Closed configurations along a path of a few coordinates, within one assembly mode.
 #pragma once
 
 #include "kkt.hpp"

@@ -28,7 +28,7 @@ struct Shape {
   Mat W;
   Vec start, end;
 
-  // Table.coefficients of engine/radau_table.py.
+  // The coefficients of the polynomial's modes: they decay where it is accurate.
   void coefficients(Mat &out) const {
     const auto s = W.cols();
     static thread_local Mat all, plain;

@@ -1,4 +1,4 @@
-// The block matrix [[A, -c G], [W, 0]] of engine/kkt.py: workspace, factors, solutions.
+// The block matrix [[A, -c G], [W, 0]]: workspace, factors, solutions.
 #pragma once
 
 #include "lanes.hpp"

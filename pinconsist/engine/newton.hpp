@@ -21,7 +21,7 @@
 
 namespace pinconsist {
 
-// Why there is no step; the messages are in tuning.hpp, under these names.
+// Why there is no step; the messages are in failure.py, under these names.
 enum class Failure { none, singular, not_finite, diverged, not_converged, error_test, turns_too_far, singular_between, constraint_jumps };
 
 inline const char *name_of(Failure failure) {
@@ -46,9 +46,10 @@ public:
   // Where an attempt found a value that is not finite.
   double culprit_t = 0.0;
   Vec culprit_p, culprit_v;
+  const bool corrects; // every step, onto the constraints
 
   Newton(System &system, bool correct, const Switches &switches)
-      : system_(system), correct_(correct), kkt_(system.nv, system.nc), forecast_(switches.iteration_forecast),
+      : corrects(correct), system_(system), kkt_(system.nv, system.nc), forecast_(switches.iteration_forecast),
         reuse_(system.nv, switches.jacobian_reuse),
         derivatives_(switches.kept_derivatives && system.keeps_derivatives && system.nv < WORTH),
         rhs_(Mat::Zero(system.nv + system.nc, 2)), closing_(Mat::Zero(system.nv + system.nc, 2)) {}
@@ -103,7 +104,7 @@ public:
       if (iteration == 1) {
         step.change = step.y - predicted;
         step.size = weighted_norm(step.change, weight, nv);
-        if (correct_ && !stale && forecast_.one_is_enough(step.size, c, tol)) {
+        if (corrects && !stale && forecast_.one_is_enough(step.size, c, tol)) {
           close(t, base, c, weight, predicted, step, MEASURED);
           step.failure = Failure::none;
           return;
@@ -126,7 +127,7 @@ public:
       if (settled || (noise > 0.0 && !stale && rounded(step.p, largest(psi.segment(nx, nv)), noise, per_position(c, tol)))) {
         step.change = step.y - predicted;
         step.size = weighted_norm(step.change, weight, nv);
-        if (correct_) close(t, base, c, weight, predicted, step, iteration > 1 ? rate : 1.0);
+        if (corrects) close(t, base, c, weight, predicted, step, iteration > 1 ? rate : 1.0);
         step.failure = Failure::none;
         return;
       }
@@ -214,7 +215,6 @@ private:
   }
 
   System &system_;
-  bool correct_;
   KKT kkt_;
   Forecast forecast_;
   JacobianReuse reuse_;

@@ -133,10 +133,12 @@ private:
 
   // The run starts again from here.
   Failure resume(double until) {
+    State here{p, velocity()};
+    if (newton.corrects) here = index1_.project(t, here.p, here.v); // constraints may be others from here on
+    if (*here.failure) return Failure::singular;
     Vec a, lam;
-    const Vec v0 = velocity();
-    if (!index1_.acceleration(t, p, v0, a, lam)) return Failure::singular;
-    return start({t, p, v0, lam}, a, until);
+    if (!index1_.acceleration(t, here.p, here.v, a, lam)) return Failure::singular;
+    return start({t, here.p, here.v, lam}, a, until);
   }
 
   // Continue from a history.
