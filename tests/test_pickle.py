@@ -139,6 +139,7 @@ OTHERS = {
     "StepLinearization",
     "Rerun",
     "Simulation",
+    "Simulations",
 }
 
 

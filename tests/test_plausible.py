@@ -181,8 +181,8 @@ def test_a_mechanism_that_is_too_large_for_the_machine_is_refused(monkeypatch):
     monkeypatch.setattr("pinconsist.mechanism.checks._memory", lambda: 1e5)
     mech = pc.load("chain_16")
     with pytest.raises(pc.InputError, match=r"chain_16: 16 velocities are too many: .* this machine has 0 GB"):
-        pc.simulate(mech, (0.0, 0.1))
-    assert pc.simulate(pc.load("chain_8"), (0.0, 0.01)).success
+        pc.linearize(mech)
+    assert pc.simulate(mech, (0.0, 0.01)).success  # a run needs no workspace of Pinocchio
 
 
 def test_degrees_are_told(tmp_path, recwarn):

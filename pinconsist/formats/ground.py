@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections import Counter
 from typing import NamedTuple
-from xml.etree.ElementTree import fromstring
 
 import numpy as np
 import pinocchio as pin
 
 from ..mechanism.contacts import Contact
 from .ignored import COLLISIONS
+from .reading import parsed
 
 USUAL = 1.0  # friction without any in the file, as in SDF and MuJoCo
 COUNTED = re.compile(r"^\d+ (collision shape|colliding geom|floor)s?$")
@@ -39,7 +39,7 @@ class Plane(NamedTuple):
 def solids_of_urdf(shapes: str) -> tuple[Solid, ...]:
     """The collision shapes of a URDF text that was checked."""
     found = []
-    for link in fromstring(shapes).findall("link"):
+    for link in parsed(shapes.encode()).findall("link"):
         for each in link.findall("collision"):
             origin, solid = each.find("origin"), each.find("geometry")[0]
             given = {} if origin is None else origin.attrib

@@ -93,7 +93,7 @@ class Points:
     def gradient(self, q, loads, *, turning: bool) -> np.ndarray:
         """∂(Σ Jᵀ f + spinᵀ m)/∂q, shape (nv, nv) in the tangent space, at the `q` of the last :meth:`move`.
 
-        `loads` are (point, force, moment) in world axes, always on the same bodies, each at most once. With `turning`
+        `loads` are (point, force, moment) in world axes, on each body at most once. With `turning`
         they rotate with their bodies; otherwise they keep their directions in the world.
         """
         change = 0.0
@@ -105,6 +105,8 @@ class Points:
                 if not turning:  # a fixed direction rotates relative to its body
                     change += (point.J.T.dot(pin.skew(force)) + point.spin.T.dot(pin.skew(moment))).dot(point.spin)
         change = change - pin.computeStaticTorqueDerivatives(self.model, self.data, q, self._loads)
+        for point, _, _ in loads:
+            self._loads[point.joint] = pin.Force.Zero()
         if (columns := turning_columns(self.model)).size:
             offsets = [place.actInv(point.x) for place, (point, _, _) in zip(places, loads, strict=True)]
 
