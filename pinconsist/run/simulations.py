@@ -30,7 +30,7 @@ class States(NamedTuple):
 
 
 class Simulations:
-    """Several runs of one mechanism, which :meth:`step` advances together on the threads of this process.
+    """Several runs of one mechanism, advanced together on the threads of this process.
 
     Each is that of a :class:`Simulation` that was reset to the same state, bit for bit, whatever the others do, and may
     have other parameters. Steps are not kept: there is no :class:`Solution`. Runs with functions of the user's,
@@ -112,7 +112,7 @@ class Simulations:
 
         Returns
         -------
-        States
+        tuple of ndarray
             For runs that have failed, the last state that was reached; :attr:`failed` marks them.
 
         Raises
