@@ -61,7 +61,7 @@ class State(NamedTuple):
 
 
 class Simulation:
-    """A simulation that is advanced step by step: each :meth:`step` covers a time interval, under prescribed torques.
+    """A simulation that is advanced step by step: each step covers a time interval, under prescribed torques.
 
     For control loops, co-simulation and learning. All steps are stored until :meth:`reset`, see :meth:`solution`. For a
     control law of (t, q, v) that is called at a fixed rate, use :class:`Sampled` in :func:`simulate`.
