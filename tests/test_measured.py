@@ -120,7 +120,7 @@ def test_certificates_of_scenes(monkeypatch, name):
 def test_rows_are_shared_between_threads(monkeypatch, forces):
     """The same to the last bit, however many threads there are, and with forces that Python evaluates."""
     sol, found = pc.simulate(pc.load("four_bar"), (0.0, 0.5), forces=forces), []
-    monkeypatch.setattr(accuracy, "_processors", lambda: 3)
+    monkeypatch.setattr(accuracy, "processors", lambda: 3)
     for rows_of_a_thread in (len(sol.t) + 1, 10):
         monkeypatch.setattr(accuracy, "A_THREAD", rows_of_a_thread)
         found.append(sol.check(error=False))

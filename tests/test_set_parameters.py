@@ -108,3 +108,27 @@ def test_other_mechanisms(name):
     begun = sim.set_parameters({f"mass:{joint}": 1.7})
     other = pc.Simulation(mech.with_parameters({f"mass:{joint}": 1.7}), begun.q, begun.v, t0=begun.t)
     np.testing.assert_allclose(sim.step(0.01).q, other.step(0.01).q, rtol=0, atol=1e-10)
+
+
+def test_a_first_change_that_is_refused_leaves_the_run_as_it_was():
+    sim, other = pc.Simulation(pc.load("five_bar")), pc.Simulation(pc.load("five_bar"))
+    sim.step(0.01)
+    other.step(0.01)
+    with pytest.raises(pc.InputError, match="mass:nobody"):
+        sim.set_parameters({"mass:nobody": 1.0})
+    assert np.array_equal(sim.step(0.01).q, other.step(0.01).q)
+    assert np.array_equal(sim.solution().t, other.solution().t)
+
+
+def test_two_names_of_one_number_change_one_number():
+    mech = pc.load("five_bar").add_forces(pc.JointDamping({"left_crank": 0.1}))
+    sim, other = pc.Simulation(mech), pc.Simulation(mech)
+    for name, value in (
+        ("damping:left_crank", 0.2),
+        ("damping left_crank.left_crank", 0.3),
+        ("damping:left_crank", 0.4),
+    ):
+        sim.set_parameters({name: value})
+    other.set_parameters({"damping:left_crank": 0.4})
+    np.testing.assert_allclose(sim.step(0.1).v, other.step(0.1).v, rtol=1e-12)
+    assert sim.mechanism.forces[0].coefficients == {"left_crank": 0.4}

@@ -170,3 +170,26 @@ def test_the_environments_of_the_example_are_those_of_one_crank():
         assert ended.all() == (k == 49)
     cranks.step(np.zeros((n, 1)))
     np.testing.assert_allclose(cranks.sims.state.t, 0.02)
+
+
+def test_actuators_may_have_the_names_of_joints():
+    mech = pc.load("crank_rocker").add_forces(pc.Actuator("crank", "crank"))
+    sims, sim = pc.Simulations(mech, 2), pc.Simulation(mech)
+    for _ in range(3):
+        states = sims.step(0.01, {"crank": np.array([0.5, 0.2])})
+        state = sim.step(0.01, {"crank": 0.5})
+    assert not sims.failed.any(), sims.messages
+    assert np.array_equal(states.q[0], state.q)
+
+
+def test_a_change_of_parameters_keeps_the_torques_that_are_held():
+    sims, sim = pc.Simulations(pc.load("crank_rocker"), 1), pc.Simulation(pc.load("crank_rocker"))
+    for torque in (1.0, 2.0, 3.0):
+        sims.step(0.01, {"crank": torque})
+        sim.step(0.01, {"crank": torque})
+    sims.set_parameters({"mass:coupler": 1.5})
+    sim.set_parameters({"mass:coupler": 1.5})
+    assert np.array_equal(sims.lam[0], sim.lam)
+    assert np.array_equal(sims.step(0.01).q[0], sim.step(0.01).q)
+    with pytest.raises(pc.InputError, match="needs a mapping"):
+        sims.set_parameters(["mass:coupler"])

@@ -11,7 +11,7 @@ import numpy as np
 from ..engine import constant, required
 from ..engine.index1 import Index1
 from ..engine.norms import largest
-from ..engine.systems import blank_system
+from ..engine.systems import blank_system, with_all_rows
 from ..errors import PinconsistError
 from ..mechanism.energy import compiled_forces, integrals, total_power
 from ..mechanism.forces.held import sided
@@ -351,7 +351,7 @@ def _compiled(system, states, workspace):
 
     labels = add(compiled)
     if not compiled.calls_python:
-        for _ in range(min(THREADS, _processors(), len(states[0]) // max(A_THREAD, system.nv**2 // 10)) - 1):
+        for _ in range(min(THREADS, processors(), len(states[0]) // max(A_THREAD, system.nv**2 // 10)) - 1):
             add(blank_system(system.model))
     if (found := required().certified(systems, system.kept, *states)) is None:
         return None
@@ -359,7 +359,7 @@ def _compiled(system, states, workspace):
     return *residuals, (labels, energies), acting
 
 
-def _processors() -> int:
+def processors() -> int:
     """Number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
@@ -406,6 +406,4 @@ def loop_forces(system, t, q, v, lam, contacts=None):
         return measured_in_modes(system.mechanism, contacts, states)[2]
     if not isinstance(system, MechanismSystem):
         return np.array([system.evaluate(t, p, v, 0.0 * v)[2] @ lam for t, p, v, lam in zip(*states, strict=True)])
-    compiled = blank_system(system.model, system.workspace)
-    system.all_rows().hand_over(compiled)
-    return compiled.residuals(*states)[2]
+    return with_all_rows(system).residuals(*states)[2]

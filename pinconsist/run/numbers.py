@@ -48,6 +48,7 @@ class Numbers:
         self._bodies: dict = {}  # joint → mass, centre of mass and inertia
         self._anchors: dict = {}  # loop, end → position in the frame
         self._changes: dict[str, Change | None] = {}
+        self._by_place: dict[str, Change | None] = {}  # a number may have several names
 
     def changes(self, values) -> list[tuple[Change, float]] | None:
         """What to change for parameters by name; None if one of them cannot be changed in place."""
@@ -84,6 +85,12 @@ class Numbers:
 
     def _change(self, name) -> Change | None:
         found = parameter(self._mechanism, name)
+        place = repr(found.place)
+        if place not in self._by_place:
+            self._by_place[place] = self._made(name, found)
+        return self._by_place[place]
+
+    def _made(self, name, found) -> Change | None:
         kind, *where = found.place or ("",)
         if kind == "body":
             return Change(self._of_body(name, *where), found.value)
@@ -130,7 +137,7 @@ class Numbers:
         return put
 
     def _of_loop(self, value, label, path) -> Change | None:
-        loop = next(loop for loop in self._mechanism.loops if loop.name == label)
+        *_, loop = records_of(self._mechanism)[label]
         if not (isinstance(loop, Loop) and path[0] in ENDS):
             return None
         field, end = ENDS[path[0]]

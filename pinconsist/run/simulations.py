@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -15,8 +14,9 @@ from ..engine.rounding import shortest_step
 from ..errors import InputError, PinconsistError
 from ..mechanism.checks import finite_array
 from ..mechanism.mechanism import Mechanism
+from .accuracy import processors
 from .options import positive_time
-from .stepping import Simulation, actuators_of, in_engine, set_advanced
+from .stepping import Simulation, actuators_of, hold, in_engine, set_advanced
 
 log = logging.getLogger(__name__)
 
@@ -62,7 +62,7 @@ class Simulations:
 
     def __init__(self, mech, n, q0=None, v0=None, *, threads=None, **options):
         self._n = _count(n, "n")
-        self._threads = _processors() if threads is None else _count(threads, "threads")
+        self._threads = processors() if threads is None else _count(threads, "threads")
         self.failed, self.messages = np.zeros(self._n, bool), [""] * self._n
         every = range(self._n)
         q, v = _rows(q0, "q0", self._n), _rows(v0, "v0", self._n)
@@ -158,6 +158,8 @@ class Simulations:
         `values` maps names to a number, or to an array (k,) with one for each of these runs.
         `which` is a mask (n,) or indices, by default all; see :meth:`Simulation.set_parameters`.
         """
+        if not isinstance(values, Mapping):
+            raise InputError(f"set_parameters needs a mapping name → number, got {values!r}")
         chosen = self._chosen(which)
         each = {name: _numbers(value, f"parameter {name!r}", (len(chosen),)) for name, value in values.items()}
         for k, i in enumerate(chosen):
@@ -199,15 +201,18 @@ class Simulations:
         return self.mechanism.columns(name)
 
     def _step_alone(self, i, dt) -> None:
-        nv, held = self._v.shape[1], self._held[i]
-        given = zip(self._names, held[nv:].tolist(), strict=True)
-        control = {name: command for name, command in given if not np.isnan(command)}
-        control |= {joint: held[self.mechanism.columns(joint)] for joint in self.mechanism.joints}
         try:
-            self._runs[i].step(dt, control)
+            hold(self._runs[i], *self._held_by(i))
+            self._runs[i].step(dt)
         except PinconsistError as error:
             self._fail(i, str(error))
         self._take(i)
+
+    def _held_by(self, i) -> tuple[dict, np.ndarray]:
+        """The commands by name and the torques, shape (nv,), that a run holds."""
+        nv = self._v.shape[1]
+        commands = zip(self._names, self._held[i, nv:].tolist(), strict=True)
+        return {name: value for name, value in commands if not np.isnan(value)}, self._held[i, :nv].copy()
 
     def _step_together(self, together, dt) -> None:
         places = [i for i, _ in together]
@@ -220,7 +225,8 @@ class Simulations:
         )
         self._t[places], self._q[places], self._v[places] = t, q, v
         for i, reason in zip(places, failures, strict=True):
-            set_advanced(self._runs[i], float(self._t[i]), self._q[i].copy(), self._v[i].copy())
+            state = float(self._t[i]), self._q[i].copy(), self._v[i].copy()
+            set_advanced(self._runs[i], *state, *self._held_by(i))
             if reason:
                 self._fail(i, FAILURES.get(reason, reason))
 
@@ -230,11 +236,6 @@ class Simulations:
     def _fail(self, i, message) -> None:
         self.failed[i], self.messages[i] = True, message
         log.warning("run %d failed at t = %g: %s", i, self._t[i], message)
-
-
-def _processors() -> int:
-    """The number of processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _count(value, what) -> int:

@@ -219,25 +219,28 @@ class Simulation:
         """Change parameters in the compiled equations and begin a new run; False where that is not possible."""
         if not self._quick or self._changing is not None or not isinstance(values, Mapping):
             return False
-        if self._numbers is None:
-            system = self._stepper.system
-            self._numbers = Numbers(self.mechanism, system)
-            self._stepper = stepper_for(system, self._method, self._numbers.compiled)
-        changes = self._numbers.changes(values)
+        stepper = self._stepper
+        numbers = self._numbers or Numbers(self.mechanism, stepper.system)
+        changes = numbers.changes(values)
         if changes is None:
             return False
+        if numbers is not self._numbers:
+            stepper = stepper_for(stepper.system, self._method, numbers.compiled)
         before = [(change, change.value) for change, _ in changes]
         t, q, v = self._place
-        self._numbers.put(changes)
+        numbers.put(changes)
         if any(change.opens for change, _ in changes):
             try:
-                q, v = self._stepper.index1.projected(t, q, v)
+                q, v = stepper.index1.projected(t, q, v)
             except (AssemblyError, SingularSystemError):  # too far from here
-                self._numbers.undo(before)
+                numbers.undo(before)
                 return False
             for each in q, v:
                 each.setflags(write=False)
-        self._values.update(values)
+        self._numbers = numbers
+        self._stepper = stepper
+        others = {name: value for name, value in self._values.items() if name not in values}
+        self._values = others | dict(values)  # the last ones last, as a number may have several names
         self._renewed = False
         self._begins_anew(t, q, v)
         return True
@@ -411,6 +414,10 @@ class Simulation:
                     f"control must map actuators to commands, joints to torques, or have {len(self._torque)} torques, "
                     f"got {control!r}"
                 )
+        return self._hold_these(t, commands, torque)
+
+    def _hold_these(self, t, commands, torque) -> bool:
+        """The same, of commands by name and of torques, shape (nv,)."""
         changed = False
         for name, value in commands.items():
             if self._commands.get(name) != value:
@@ -496,11 +503,23 @@ def in_engine(sim: Simulation) -> InEngine | None:
     return InEngine(run, tables, sim._stepper.multipliers)
 
 
-def set_advanced(sim: Simulation, t: float, q, v) -> None:
-    """Let a run stand at a state that its part in C++ has reached without it; the steps up to there are not kept."""
+def set_advanced(sim: Simulation, t: float, q, v, commands, torque) -> None:
+    """Let a run stand at a state that its part in C++ has reached without it, and hold what was held up to there.
+
+    The steps up to there are not kept.
+    """
     for each in q, v:
         each.setflags(write=False)
-    sim._place, sim._before, sim._jumped = (t, q, v), None, False
+    sim._place = t, q, v
+    sim._before = None
+    sim._jumped = False
+    sim._commands = commands
+    sim._torque = torque
+
+
+def hold(sim: Simulation, commands, torque) -> None:
+    """Let a run hold commands by name and torques (nv,) from now on; actuators may have the names of joints."""
+    sim._jumped |= sim._hold_these(sim._place[0], commands, torque)
 
 
 def actuators_of(sim: Simulation) -> list[str]:
