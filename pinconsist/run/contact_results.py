@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -311,10 +312,12 @@ def measured_in_modes(mechanism, history, states):
     tables = history.of_sided_rows(states[0])
     for part in np.split(np.arange(len(tables)), 1 + np.flatnonzero(np.diff(tables))):
         t, q, v, lam = (column[part] for column in states)
-        found, exact = [], []
+        found, exact, systems = [], [], []
         for state in zip(t, q, v, strict=True):
             index1 = equations.at(*state, tables[part[0]])
-            system, still = index1.system, np.zeros(len(state[2]))
+            system = index1.system
+            systems.append(system)
+            still = np.zeros(len(state[2]))
             exact.append(index1.acceleration(*state)[1])
             gap, J = system.loop_rows(state[1], state[0])
             acting = max(acting, largest(index1.compiled.evaluate(*state, still)[0]))
@@ -323,11 +326,15 @@ def measured_in_modes(mechanism, history, states):
             gaps, hidden = _violations(system, phi, rates)
             hidden = np.concatenate((J @ state[2] + system.rows.time_rate(*state[:2]), hidden))
             found.append((np.concatenate((gap, gaps)), hidden, np.vstack((J, R))))
-        if found:
-            exact = system.full_multipliers(q, np.array(exact), v=v)
+        theirs = np.empty_like(lam)
+        first = 0
+        for system, group in groupby(systems):  # they differ where other rows of the loops are kept
+            own = slice(first, first + len(list(group)))
+            theirs[own] = system.full_multipliers(q[own], np.array(exact[own]), v=v[own])
+            first = own.stop
         rows += [
-            (gaps, hidden, every.T @ ours, every.T @ theirs)
-            for (gaps, hidden, every), ours, theirs in zip(found, lam, exact, strict=True)
+            (gaps, hidden, every.T @ ours, every.T @ exactly)
+            for (gaps, hidden, every), ours, exactly in zip(found, lam, theirs, strict=True)
         ]
     return *(np.array(column) for column in zip(*rows, strict=True)), None, acting
 
