@@ -9,7 +9,6 @@ import numpy as np
 
 from ..errors import InputError, PinconsistError
 from ..mechanism.checks import coordinates, finite_array, require_no_contacts
-from ..mechanism.forces import HeldTorque
 from ..mechanism.mechanism import Mechanism, with_added_forces
 from ..mechanism.parameters import Parameter, parameter, part_at, records_of
 from ..run.events import as_events
@@ -170,9 +169,9 @@ def _stem(name) -> str:
     return re.sub(r"(\[\d+\])+$", "", name)
 
 
-def _held_together(mechanism, names, record: HeldTorque) -> Parameter:
+def _held_together(mechanism, names, label: str) -> Parameter:
     """One parameter for all torques with these names in a table of held torques."""
-    (label,) = (label for label, (*_, own) in records_of(mechanism).items() if own is record)
+    *_, record = records_of(mechanism)[label]
     numbers = [[int(number) for number in re.findall(r"\d+", name[len(_stem(name)) :])] for name in names]
     nodes = [(row, *(column or [0])) for row, *column in numbers]
     table = np.asarray(record.torques)
@@ -190,7 +189,7 @@ def _held_together(mechanism, names, record: HeldTorque) -> Parameter:
         records[i] = replace(own, torques=torques)
         return replace(mechanism, **{place: records})
 
-    return Parameter(names[0], now, put, lambda _: ("held", record, nodes))
+    return Parameter(names[0], now, put, lambda _: ("held", label, nodes))
 
 
 def _together(mechanism, names, record, path) -> Parameter:

@@ -58,7 +58,7 @@ class Parameter:
 
     If it changes neither loops nor lengths, ``part(value)`` describes the change: ``("inertia", joint, numbers)``, with
     mass, first moments and inertias about the joint as in Pinocchio's regressor; ``("gravity", numbers)``; ``("force",
-    record)``; ``("nodes", record, path of the table, indices)`` for values of a table; or ``("held", record, rows and
+    record)``; ``("nodes", record, path of the table, indices)`` for values of a table; or ``("held", label, rows and
     columns)`` for torques that are held. A parameter for several values of a table has an array as its value.
     """
 
@@ -283,7 +283,7 @@ def _number_of(name, label, place, i, record, path) -> Parameter:
         part = lambda value: ("nodes", record, path[:-2], [int(path[-1])])  # noqa: E731
     elif isinstance(record, HeldTorque) and path[0] == "torques":
         node = int(path[1]), int(path[2]) if len(path) > 2 else 0
-        part = lambda value: ("held", record, [node])  # noqa: E731
+        part = lambda value: ("held", label, [node])  # noqa: E731
     elif isinstance(record, HeldRecord):
         pass
     elif place == "forces" and isinstance(record, ForceRecord):

@@ -13,10 +13,10 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from ..mechanism.forces.held import BoundHeld, Given, HeldRecord, columns_of
+from ..mechanism.forces.held import BoundHeld, Given, columns_of
 from ..mechanism.forces.piecewise import BoundPiecewise
 from ..mechanism.motion import AHEAD, CENTRAL, difference_step
-from ..mechanism.parameters import Parameter, part_at, with_number
+from ..mechanism.parameters import Parameter, part_at, records_of, with_number
 
 OF_STEPS = {-1: -1 / 2, 1: 1 / 2}
 BEHIND, SECOND_BEHIND = {-m: -weight for m, weight in AHEAD.items()}, {0: 3 / 2, -1: -2.0, -2: 1 / 2}
@@ -177,10 +177,10 @@ def _bound(record, system):
     return bound
 
 
-def _held(system, record, nodes):
+def _held(system, label, nodes):
     """The derivative by torques of a table; not known if the run goes backwards through it."""
-    held = [force for force in system.mechanism.forces if isinstance(force, HeldRecord)]
-    table = system.held_forces[next(i for i, each in enumerate(held) if each is record)]
+    *_, record = records_of(system.mechanism)[label]
+    table = system.forces[label]
     if not table.in_order:
         return []
     columns = columns_of(system.model, record.joints, "HeldTorque")
