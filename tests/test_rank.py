@@ -167,3 +167,17 @@ def test_redundant_rows_that_all_move():
     alone = pc.simulate(pendulum.with_loops(rows[1]), (0.0, 0.1))
     assert sol.success and (sol.lam == 0.0).any(axis=0).tolist() == [True, False]
     np.testing.assert_allclose(sol.lam[-1, 1], alone.lam[-1, 0], rtol=1e-5)
+
+
+def test_a_constraint_of_ones_own_that_repeats_a_loop_is_evaluated_while_its_rows_are_left_out():
+    """A run without functions of Python among the rows that it keeps, but among those whose choice it watches."""
+    mech = pc.load("four_bar")
+    rows, data = LoopRows.of(mech), mech.model.createData()
+
+    def again(t, q):
+        pin.computeJointJacobians(mech.model, data, q)
+        return rows.evaluate(data, q, t)[0]
+
+    doubled = pc.simulate(mech.add_loops(pc.Constraint("again", again, 5)), (0.0, 0.5))
+    assert doubled.success
+    np.testing.assert_allclose(doubled.q[-1], pc.simulate(mech, (0.0, 0.5)).q[-1], atol=1e-6)

@@ -293,3 +293,20 @@ def test_runs_of_their_own_in_threads_are_those_without_threads():
     for speed in speeds:
         work(speed)
         assert found[speed][0] == found[speed][1]
+
+
+@pytest.mark.parametrize("kind", [KeyboardInterrupt, ValueError])
+def test_what_a_force_raises_once_is_not_lost(kind):
+    raising = []
+
+    def force(t, q, v):
+        if raising:
+            raise raising.pop()
+        return np.zeros(3)
+
+    sim = pc.Simulation(pc.load("four_bar").add_forces(pc.Torque(force)))
+    sim.step(0.01)
+    sim.step(0.01)
+    raising.append(kind("once"))
+    with pytest.raises((KeyboardInterrupt, pc.UserFunctionError)):
+        sim.step(0.01)

@@ -63,7 +63,8 @@ def solve(A, b, blocks, shared=False):
     compliance = np.zeros(len(b))
     pushes = [block.at for block in blocks if isinstance(block, Push)]
     compliance[pushes] = SHARES * max(np.abs(np.diag(A)).max(initial=0.0), 1e-300)
-    stiff, z = A + np.diag(compliance), np.zeros(len(b))
+    stiff = A + np.diag(compliance)
+    z = np.zeros(len(b))
     for _ in range(TURNS):  # a proximal point method: the compliances are taken off again
         last = z
         z, left = required().complementarity(stiff, b - compliance * last, laws)

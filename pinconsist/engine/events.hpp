@@ -90,7 +90,7 @@ public:
     Leaving leaving = contacts_leaving();
     for (size_t i = 0; i < own_; ++i)
       if (watched_[i].one_sided && values[i] <= TOUCHING) leaving[i] = TOUCHING;
-    leave(leaving, t, p, v, lam);
+    leave(leaving);
   }
 
   // Take the values after the events `fired`, with acceleration and multipliers there. The values of their functions are only
@@ -118,7 +118,7 @@ public:
         if (moved && std::abs(values[i]) > std::max(std::abs(rate), std::abs(arrived))) leaving[i] = NOT_A_NUMBER;
       }
     }
-    leave(leaving, t, p, v, lam);
+    leave(leaving);
     for (size_t i : reversed)
       if (accumulates(i, t, p)) return static_cast<int>(i);
     return -1;
@@ -291,8 +291,11 @@ private:
   }
 
   void take(double t, const Vec &p, const Vec &v, const Vec &lam) {
-    leave(Leaving(values.size(), NOT_A_NUMBER), t, p, v, lam);
+    begin = end = t;
     leaving_.clear();
+    offsets_.clear();
+    for (size_t i = 0; i < values.size(); ++i) values[i] = value(i, t, p, v, lam);
+    first_ = true;
   }
 
   // Functions of contacts are positive in their mode: what is about zero at its beginning rises from there.
@@ -303,17 +306,15 @@ private:
     return leaving;
   }
 
-  // Start with the signs of functions that leave zero; what they have of the other sign is taken off up to the first look.
-  void leave(const Leaving &leaving, double t, const Vec &p, const Vec &v, const Vec &lam) {
-    std::vector<double> offsets(values.size(), 0.0);
-    for (size_t i = 0; i < values.size(); ++i)
-      if (!std::isnan(leaving[i]) && values[i] * leaving[i] < 0.0) offsets[i] = values[i];
-    begin = end = t;
+  // After `take`: the signs of functions that leave zero. What they have of the other sign is taken off up to the first look.
+  void leave(const Leaving &leaving) {
     leaving_ = leaving;
-    offsets_.clear();
-    for (size_t i = 0; i < values.size(); ++i) values[i] = std::isnan(leaving[i]) ? value(i, t, p, v, lam) : leaving[i];
-    offsets_ = std::move(offsets);
-    first_ = true;
+    offsets_.assign(values.size(), 0.0);
+    for (size_t i = 0; i < values.size(); ++i) {
+      if (std::isnan(leaving[i])) continue;
+      if (values[i] * leaving[i] < 0.0) offsets_[i] = values[i];
+      values[i] = leaving[i];
+    }
   }
 
   // Whether a function uses λ, and not only gets it.

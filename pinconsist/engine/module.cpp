@@ -40,6 +40,8 @@ Table MechanismSystem::complete(double t, const Table &configurations, Table mul
 
 bool KeptRows::poor(const Vec &p) {
   if (kept_.empty()) return false;
+  std::optional<nb::gil_scoped_acquire> holds; // rows that were left out may call Python although those that were kept do not
+  if (all_.calls_python()) holds.emplace();
   all_.constraint(t_, p, Vec::Zero(all_.nv));
   const Mat J = scales_.cwiseInverse().asDiagonal() * all_.W;
   const double strongest = J.bdcSvd().singularValues()[kept_.size() - 1];

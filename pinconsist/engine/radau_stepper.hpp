@@ -16,7 +16,7 @@ public:
 
   RadauStepper(System &system, const Switches &switches)
       : Run(system), newton(system, switches), switches_(switches), sampler(system), kkt_(system.nv, system.nc), within_(system.nv, system.nc),
-        stiff_forces_(system), index1_(system) {}
+        stiff_forces_(system) {}
 
   // A first step with error FIRST_ERROR, from the time in which the acceleration changes by its own size.
   double first_step(double t_end) {
@@ -589,7 +589,6 @@ private:
   KKT kkt_, within_;
   StiffForces stiff_forces_;
   bool has_stiff_forces_ = false; // the last step
-  Projection index1_;
   Vec slope_; // of the acceleration at a start
   Vec stage_a_; // the acceleration here according to the stages of the last step
   bool shaped_ = false;

@@ -208,7 +208,7 @@ public:
   }
 
 protected:
-  explicit Run(System &system) : system_(system), constraints_(system) {}
+  explicit Run(System &system) : system_(system), index1_(system) {}
 
   bool begun_ = false;           // the run has begun before
   std::vector<Located> started_; // states of a start that the loop has not left yet
@@ -227,6 +227,7 @@ protected:
 
   System &system_;
   Headway headway_;
+  Projection index1_;
 
 private:
   template <class, class> friend class Run;
@@ -420,11 +421,11 @@ private:
     const Vec v = self().velocity();
     system_.constraint(t, p, v);
     if (largest(system_.phi) > JUMP_GAP * (1.0 + largest(p))) return fails(Failure::constraint_jumps);
-    const State after = constraints_.project(t, p, v);
+    const State after = index1_.project(t, p, v);
     if (*after.failure) return fails(Failure::singular);
     if (largest(Vec(after.v - v)) <= PUSHED * (1.0 + largest(v))) return true;
     Vec a, lam;
-    if (!constraints_.acceleration(t, after.p, after.v, a, lam)) return fails(Failure::singular);
+    if (!index1_.acceleration(t, after.p, after.v, a, lam)) return fails(Failure::singular);
     begin_at(t, after.p, after.v, a, lam);
     self().stand(t, h, after.p, after.v, lam);
     add_jump();
@@ -465,7 +466,6 @@ private:
     window_t_ = t;
   }
 
-  Projection constraints_;
   Located begin_; // where the run starts when the loop is entered
   Vec begin_a_;
   bool begins_ = false, resumes_ = false, has_started_ = false, ended_ = false;

@@ -16,7 +16,6 @@ class Stepper : public Run<Stepper, TableCurve> {
 public:
   int k = 1, used_k = 0;
   int points = 1; // of the polynomial of the last step, or of the history
-  double t_old = 0.0;
   Vec y, base;
   Table Z;
   Choice choice{0.0, 1};
@@ -24,8 +23,7 @@ public:
   Newton newton;
 
   Stepper(System &system, bool correct, const Switches &switches)
-      : Run(system), newton(system, correct, switches), start_(system, switches), kkt_(system.nv, system.nc), index1_(system) {
-  }
+      : Run(system), newton(system, correct, switches), start_(system, switches), kkt_(system.nv, system.nc) {}
 
   // Start, or start again, at a state with its acceleration and multipliers. The run is at the end of the history then.
   Failure begin(double t0, const Vec &p0, const Vec &v0, const Vec &a0, const Vec &lam0, double t_end, History &past) {
@@ -148,9 +146,8 @@ private:
     newton.forget();
     rounding_.restart();
     on_trial_ = false;
-    t_old = past.t.front();
     t = past.t.back();
-    headway_.restart(t_old, t);
+    headway_.restart(past.t.front(), t);
     taken = static_cast<long>(n) - 1;
     p = base = past.p.back();
     Table rows(n, system_.nx + system_.nv + system_.nc);
@@ -218,7 +215,6 @@ private:
       rescale(smaller, order);
     }
     bdf::advance(k, attempt_.change, Z);
-    t_old = t;
     t = t_next;
     std::swap(p, attempt_.p);
     std::swap(y, attempt_.y);
@@ -313,7 +309,6 @@ private:
   RoundingTest rounding_;
   bool on_trial_ = false; // the next step is longer than the last accepted or tried one
   KKT kkt_; // of the rounding test
-  Projection index1_;
   Attempt attempt_;
   Vec predicted_, psi_, weight_;
 };

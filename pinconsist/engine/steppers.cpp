@@ -23,15 +23,17 @@ Switches switches_of(nb::object switches) {
           on("row_derivatives"), on("kept_matrix")};
 }
 
-// Run something without the GIL, unless it calls Python; returns the Python exception, if any.
+// Run something without the GIL, unless it calls Python.
+template <class Run> void released(bool calls_python, const Run &run) {
+  if (calls_python) return run();
+  nb::gil_scoped_release release;
+  run();
+}
+
+// The same; returns the Python exception, if any.
 template <class Run> nb::object attempted(bool calls_python, const Run &run) {
   try {
-    if (calls_python) {
-      run();
-    } else {
-      nb::gil_scoped_release release;
-      run();
-    }
+    released(calls_python, run);
   } catch (nb::python_error &raised) {
     return nb::borrow(raised.value());
   } catch (const std::exception &raised) {
@@ -113,8 +115,8 @@ template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) 
       .def("reach", // the same: (t, p, v) if t_end is reached, else None
            [](Stepper &s, const System &system, double t_end, long most, bool jumped, nb::object forces) -> nb::object {
              const nb::object none = nb::none();
-             const nb::object error = attempted(system.calls_python(), [&] { s.run(t_end, most, {false, nullptr, none, forces}, jumped); });
-             if (!error.is_none() || s.t != t_end) return nb::none();
+             released(system.calls_python(), [&] { s.run(t_end, most, {false, nullptr, none, forces}, jumped); });
+             if (s.t != t_end) return nb::none();
              return nb::make_tuple(t_end, array(s.p), array(s.velocity()));
            }, "system"_a, "t_end"_a, "most"_a, "jumped"_a, "forces"_a.none())
       .def("read", // what was made since the last call
@@ -211,7 +213,7 @@ void bind_events(nb::module_ &m) {
       .def(nb::init<MechanismSystem &, std::vector<int>, const Vec &, double>(), "all"_a, "kept"_a, "scales"_a, "t"_a, nb::keep_alive<1, 2>());
   nb::class_<Events>(m, "Events")
       .def(nb::init<const nb::list &, nb::handle, nb::handle, std::vector<int>, int>(), "events"_a, "interrupted"_a, "finish"_a.none(), "places"_a, "number"_a)
-      .def("enter_mode", &Events::enter_mode, "ends"_a, "contacts"_a, nb::keep_alive<1, 3>())
+      .def("enter_mode", &Events::enter_mode, "ends"_a, "contacts"_a)
       .def("restart", &Events::restart)
       .def("restart_after", &Events::restart_after)
       .def("has_changed", &Events::has_changed, "i"_a, "change"_a)

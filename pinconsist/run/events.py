@@ -196,7 +196,8 @@ class EventWatch:
         self.compiled = None
         self._warned: set[int] = set()
         self._ends: list = []  # what ends the present mode of contacts: pairs (element, what falls to zero)
-        # The engine does not keep these alive.
+        # The engine keeps neither these nor those of the mode alive.
+        self._mode: tuple = ()
         self._alive = [_in_numbers(event) for event in events], interrupted, stepper.full_multipliers
         if events or modes is not None:
             self.compiled = stepper.events(*self._alive)
@@ -206,8 +207,9 @@ class EventWatch:
         watched, ends = self.modes.watch()
         asked = [Event(self.modes.margin, name="contacts") for _ in range(self.modes.system.redundant)]
         self._ends = [*((None, "agree") for _ in asked), *ends]
-        self._asked = [_in_numbers(event) for event in asked]
-        self.compiled.enter_mode(self._asked, watched)
+        mode = [_in_numbers(event) for event in asked], watched
+        self.compiled.enter_mode(*mode)
+        self._mode = mode
 
     def ended(self, fired) -> list:
         """What has ended the mode of contacts among events with these indices: pairs (element, what fell to zero)."""
