@@ -331,13 +331,13 @@ def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
     made = 1 + np.flatnonzero(solution.order > 0)  # by the method's own steps; with t_eval all rows count
     compared = made if len(made) else slice(None)
     t, q, v = solution.t, solution.q, solution.v
-    phi, rho, forces, exact, found, acting = measured(
-        system, (_sides(system, t, q, v), q, v, solution.lam), workspace, solution.contacts
-    )
+    sides = _sides(system, t, q, v)
+    states = sides, q, v, solution.lam
+    phi, rho, forces, exact, found, acting = measured(system, states, workspace, solution.contacts)
     phi, exact = np.abs(phi), exact[compared]
     error = np.abs(forces[compared] - exact)
     if solution.contacts is not None:  # friction without a direction
-        error[too_slow(mechanism, solution.contacts, _sides(system, t, q, v), q, v)[compared]] = 0.0
+        error[too_slow(mechanism, solution.contacts, sides, q, v)[compared]] = 0.0
     position, where, units, scale = 0.0, "", ("", ""), max(largest(exact), acting) or 1.0
     if phi.size:
         i, row = np.unravel_index(np.argmax(phi), phi.shape)

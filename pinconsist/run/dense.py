@@ -16,13 +16,9 @@ from ..errors import InputError
 class Curve(ABC):
     """The polynomials of successive steps of one system, from `start` to their `ends`."""
 
+    start: float
     ends: np.ndarray
     system: Index3System
-
-    @property
-    @abstractmethod
-    def start(self) -> float:
-        """Where the first step begins."""
 
     @property
     def sign(self) -> float:
@@ -44,7 +40,7 @@ class Curve(ABC):
 
 @dataclass
 class Tables(Curve):
-    """Polynomials in [ξ | v | λ] of steps from `t_old` to their ends, exact at both, as arrays with an entry a step.
+    """Polynomials in [ξ | v | λ] of successive steps from `start` on, exact at both, as arrays with an entry a step.
 
     The polynomial of a step has the degree k, and backward differences Z about its time t, of size h. Positions on a
     manifold are interpolated in the chart at `base`, so they stay on it; loops are closed in between to the order of
@@ -52,7 +48,7 @@ class Tables(Curve):
     one.
     """
 
-    t_old: np.ndarray
+    start: float
     ends: np.ndarray
     t: np.ndarray
     h: np.ndarray
@@ -62,13 +58,8 @@ class Tables(Curve):
     system: Index3System
     chart_points: Callable | None
 
-    @property
-    def start(self) -> float:
-        """Where the first step begins."""
-        return self.t_old[0]
-
     def _columns(self):
-        return self.t_old, self.ends, self.t, self.h, self.k, self.base, self.Z
+        return self.ends, self.t, self.h, self.k, self.base, self.Z
 
     def __call__(self, times):
         i, nx, nv = self.holders(times), self.system.nx, self.system.nv
@@ -87,7 +78,7 @@ class Tables(Curve):
 
     def with_others(self, curves):
         columns = zip(*(curve._columns() for curve in (self, *curves)), strict=True)
-        return Tables(*map(np.concatenate, columns), self.system, self.chart_points)
+        return Tables(self.start, *map(np.concatenate, columns), self.system, self.chart_points)
 
 
 @dataclass

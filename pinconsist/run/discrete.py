@@ -212,7 +212,8 @@ def _by_command(actuator, system, t):
         each for each in system.held_forces if isinstance(each, BoundHeldActuator) and each.name == actuator.name
     )
     at = held.command(t)
-    step, own = COMMAND_STEP * (1.0 + abs(at)), {each.name: getattr(actuator, each.name) for each in fields(Actuator)}
+    step = COMMAND_STEP * (1.0 + abs(at))
+    own = {each.name: getattr(actuator, each.name) for each in fields(Actuator)}
     sides = []
     for sign in (1.0, -1.0):
         bound = Actuator(**own | {"control": at + sign * step}).bind(system.model)

@@ -397,12 +397,14 @@ def _gap(run, asked) -> Series:
 
 
 def _contact(run, asked) -> Series:
-    found, unit = run.solution.contact(asked.name, run.passed).force, contact_units(run.scene, asked.name)[1]
+    found = run.solution.contact(asked.name, run.passed).force
+    unit = contact_units(run.scene, asked.name)[1]
     return Series(found, unit, AXES, vector=True) if found.ndim > 1 else Series(found, unit)
 
 
 def _slip(run, asked) -> Series:
-    found, unit = run.solution.contact(asked.name, run.passed).slip, contact_units(run.scene, asked.name)[0]
+    found = run.solution.contact(asked.name, run.passed).slip
+    unit = contact_units(run.scene, asked.name)[0]
     return Series(np.linalg.norm(found, axis=1), f"{unit}/s")
 
 

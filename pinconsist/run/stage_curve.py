@@ -22,14 +22,10 @@ class StageCurve(Curve):
 
     def __init__(self, steps, start, ends, system, sampler: list):
         self._steps = steps
-        self._start = start
+        self.start = start
         self.ends = ends
         self.system = system
         self._sampler = sampler
-
-    @property
-    def start(self):
-        return self._start
 
     def step(self, i) -> tuple:
         """Of a step: start, size, number of stages; p and v there; accelerations of stages; p and v at its end."""

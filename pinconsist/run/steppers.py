@@ -172,8 +172,8 @@ class Stepper(ABC):
         """Take the signs after events; returns the index of one that accumulates, or -1."""
         return events.restart_after(self._compiled, fired, moved, t, p, v, *known, forward)
 
-    def place(self, t, p, v, known=None) -> tuple:
-        """Start, or start again after a discontinuity, in the next :meth:`advance`; returns (t, p, v, λ) there.
+    def place(self, t, p, v, known=None) -> None:
+        """Start, or start again after a discontinuity, in the next :meth:`advance`.
 
         `known` are acceleration and multipliers there, if (p, v) is on the constraints already.
         """
@@ -184,7 +184,6 @@ class Stepper(ABC):
         if self._turns is None:
             self._core.turns = self._turns = turning_coordinates(self.system, p)
         self._core.place(t, p, v, *known)
-        return t, p, v, known[1]
 
     def resume(self) -> None:
         """Continue in the next :meth:`advance` where the last one has ended, with other forces, or to another end."""
@@ -309,7 +308,7 @@ class BdfStepper(Stepper):
         t, h, k, base, Z = polynomials
         base = base.reshape(len(t), -1)
         Z = Z.reshape(len(t), bdf.ROWS, -1)
-        return Tables(starts, ends, t, h, k, base, Z, self.system, self._chart_points)
+        return Tables(starts[0], ends, t, h, k, base, Z, self.system, self._chart_points)
 
     def _counted(self, failure):
         why = super()._counted(failure)

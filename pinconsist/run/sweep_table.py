@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.systems import blank_system
+from ..engine.systems import with_all_rows
 from ..errors import FormatError, InputError, PinconsistError
 from ..files import written_whole
 from ..mechanism.description import digests
@@ -197,9 +197,7 @@ def _gap(sol) -> float:
     system = sol.system
     if not len(sol.t) or not system.rows.nc:
         return 0.0
-    compiled = blank_system(system.model, system.workspace)
-    system.all_rows().hand_over(compiled)
-    widest = int(np.abs(compiled.gaps(sol.t, sol.q)).max(axis=1).argmax())
+    widest = int(np.abs(with_all_rows(system).gaps(sol.t, sol.q)).max(axis=1).argmax())
     return float(np.abs(system.loop_rows(sol.q[widest], sol.t[widest])[0]).max())
 
 
