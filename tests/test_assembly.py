@@ -429,3 +429,9 @@ def test_an_assembly_is_printed_in_a_few_lines():
     text = str(pc.assemble(pc.load("stewart_platform")))
     assert "mobility 6" in text and "rank" in text and len(text.splitlines()) < 10
     assert "array" not in text
+
+
+def test_an_assembly_is_its_caller_s_own():
+    mech = pc.load("four_bar")
+    pc.assemble(mech).gaps.clear()
+    assert pc.assemble(mech).gaps

@@ -118,3 +118,35 @@ def test_a_model_in_memory_has_no_ground():
 
     with pytest.raises(pc.InputError, match="ground= is for files"):
         pc.load(pin.buildSampleModelManipulator(), ground=True)
+
+
+BALL = """<mujoco><worldbody>{}<body name="ball" pos="0 0 1"><freejoint/><geom type="sphere" size="0.1"/></body>
+</worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("floor", "height"),
+    [
+        ("", 0.0),
+        ('<body pos="0 0 0.1"><body pos="0 0 0.2"><geom type="plane" size="1 1 1"/></body></body>', 0.3),
+    ],
+)
+def test_the_ground_of_mjcf_is_its_plane_wherever_it_stands_or_zero(tmp_path, floor, height):
+    pytest.importorskip("mujoco")
+    mech = pc.load(written(tmp_path, BALL.format(floor), "scene.xml"), ground=True)
+    (contact,) = mech.contacts
+    assert contact.offset == pytest.approx(height + 0.1) and not mech.ignored
+
+
+def test_files_whose_shapes_are_not_read_have_no_ground(tmp_path):
+    text = "format: ChoreonoidBody\nname: b\nlinks:\n  - {name: base, jointType: free, mass: 1.0}\n"
+    with pytest.raises(pc.InputError, match=r"ground= is not for scene\.body"):
+        pc.load(written(tmp_path, text, "scene.body"), ground=True)
+
+
+def test_shapes_of_what_stands_still_are_told_once(tmp_path):
+    text = """<sdf version="1.9"><world name="w"><model name="wall"><static>true</static><link name="l">
+    <collision name="c"><geometry><box><size>1 1 1</size></box></geometry></collision></link></model>
+    <model name="m"><link name="ball"><inertial><mass>1</mass></inertial></link></model></world></sdf>"""
+    mech = pc.load(written(tmp_path, text, "scene.sdf"), free_flyer=True, ground=True)
+    assert [line for line in mech.ignored if "collision" in line] == ["1 static collision shape"]

@@ -362,3 +362,11 @@ def test_a_tendon_with_inertia_moves_as_in_mujoco(tmp_path):
     found = [sol.acceleration(joint)[0] for joint in ("j0", "j1")]
     np.testing.assert_allclose(found, data.qacc, rtol=1e-8)
     np.testing.assert_allclose(sol.q[:, 2], 2 * sol.q[:, 0] - 3 * sol.q[:, 1], atol=1e-10)
+
+
+def test_what_refers_to_an_element_that_is_left_out_may_come_before_it(tmp_path):
+    text = """<mujoco><actuator><motor name="m" tendon="t"/></actuator>
+    <tendon><fixed name="t"><joint joint="j" coef="1"/></fixed></tendon>
+    <worldbody><body><joint name="j"/><geom size="0.1"/></body></worldbody></mujoco>"""
+    (tmp_path / "r.xml").write_text(text)
+    assert pc.load(tmp_path / "r.xml", ignore=["t"]).joints == ("j",)

@@ -24,7 +24,7 @@ from .extensions import pose, unique
 from .graph import WORLD, Axis, Body, Joint, JointGraph, Scene, build
 from .ignored import LIMITS, Ignored
 from .loopfile import parsed_yaml
-from .plausible import warn_of_inertias
+from .plausible import moving_inertias, warn_of_inertias
 from .reading import RobotFile, finite, near, read_bytes, require_known, short_repr
 from .urdf import fixed_links
 from .webots import Vrml, parse
@@ -156,10 +156,7 @@ def read(path: Path, name: str, folders, *, ignore=()) -> RobotFile:
     model, guess = build(scene, graph, inertias, name, graph.roots)
     for link in (each for each in contents.links if each.armature and model.existJointName(each.name)):
         model.armature[model.idx_vs[model.getJointId(link.name)]] = link.armature
-    moving = [(f"link {each!r}", own.inertia, model.inertias[model.frames[model.getFrameId(each)].parentJoint])
-              for each, own in inertias.items() if model.existFrame(each)
-              and model.frames[model.getFrameId(each)].parentJoint]  # fmt: skip
-    warn_of_inertias(path, moving)
+    warn_of_inertias(path, moving_inertias("link", inertias, model))
     loops = tuple(_loop(extra, bodies) for extra in contents.extra)
     actuated = tuple(link.name for link in contents.links if link.motor and model.existJointName(link.name))
     return RobotFile(model, _without_shapes(inertias), loops, (), (), guess, actuated, contents.ignored.lines())
@@ -195,7 +192,7 @@ def _loop(extra, bodies):
     return Closure(extra.name, extra.kind, *ends, place, axis=extra.axis, xyz2=extra.points[1])
 
 
-def _extra(given, number, taken) -> Extra:
+def _extra(given, taken) -> Extra:
     """An extra joint from its fields, by name."""
     ends = tuple(str(given.get(f"link{end}Name", "")) for end in (1, 2))
     title = unique(str(given.get("name") or "-".join(ends)), taken)
@@ -204,15 +201,15 @@ def _extra(given, number, taken) -> Extra:
         known = ", ".join(_EXTRA)
         cure = "write it as hinge, or ball" if word in ("xy", "piston", "prismatic") else "mend the file"
         raise FormatError(f"the type {word[:40]!r} is not one of {known}; {cure}", element=element)
-    for key in set(given) - _EXTRA_JOINT:
-        if not key.startswith("link"):
+    for key in given:
+        if key not in _EXTRA_JOINT and not key.startswith("link"):
             warn(f"{element}: {key[:60]!r} is not known and has no effect")
     for end in (1, 2):
         if f"link{end}LocalRotation" in given:
             raise FormatError(f"link{end}LocalRotation is not supported", element=element)
     points = tuple(tuple(_numbers(given, f"link{end}LocalPos", 3, element, (0.0,) * 3)) for end in (1, 2))
     kind = _EXTRA[word]
-    axis = tuple(unit(_axis(given, element)).tolist()) if kind == "hinge" else None
+    axis = tuple(_axis(given, element).tolist()) if kind == "hinge" else None
     return Extra(title, ends, kind, points, axis)
 
 
@@ -276,24 +273,24 @@ def _of_yaml(content, ignore) -> Contents:
     if not isinstance(given, dict) or not isinstance(given.get("links"), list):
         raise FormatError("a Choreonoid body has a list of links")
     radian = 1.0 if str(given.get("angleUnit", "degree")) == "radian" else np.pi / 180.0
-    found, names = Contents(), [each.get("name") for each in given["links"] if isinstance(each, dict)]
+    found = Contents()
     for number, each in enumerate(given["links"], start=1):
         if isinstance(each, dict) and (each.get("uri") or each.get("type") == "SubBody"):
             where = f"link {number}, {short_repr(each.get('uri') or '')}"
             raise FormatError("a body in another file is not supported; write its links here", element=where)
         if not isinstance(each, dict) or not each.get("name"):
             raise FormatError("it is not a mapping with a name", element=f"link {number}")
-        found.links.append(_link(each, radian, names, found.ignored))
+        found.links.append(_link(each, radian, found.ignored))
     extra = given.get("extraJoints") or []
     for number, each in enumerate(extra if isinstance(extra, list) else [extra], start=1):
         if not isinstance(each, dict):
             raise FormatError("it is not a mapping", element=f"extra joint {number}")
         if str(each.get("name", "")) not in ignore:
-            found.extra.append(_extra(each, number, [one.name for one in found.extra]))
+            found.extra.append(_extra(each, [one.name for one in found.extra]))
     return found
 
 
-def _link(each, radian, names, ignored) -> Link:
+def _link(each, radian, ignored) -> Link:
     name, element = str(each["name"]), f"link {str(each['name'])[:60]!r}"
     place, inertia = _place(each, element, radian), _inertia(each, "inertia", element)
     inertia = inertia + _inside(each.get("elements"), pin.SE3.Identity(), element, radian, ignored, 0)
@@ -303,10 +300,10 @@ def _link(each, radian, names, ignored) -> Link:
     kind = str(each.get("jointType", "fixed" if each.get("parent") else "free")).lower()
     rotor = float(_numbers(each, "rotorInertia", 1, element, 0.0)[0])
     ratio = float(_numbers(each, "gearRatio", 1, element, 1.0)[0])
-    limits = each.get("jointRange")
-    if kind in _TURNS and isinstance(limits, list) and all(finite(end) is not None for end in limits):
-        limits = [float(end) * radian for end in limits]
-    limits = tuple(limits) if isinstance(limits, list) and None not in map(finite, limits) else ()
+    given = each.get("jointRange")
+    ends = [finite(end) for end in given] if isinstance(given, list) else []
+    factor = radian if kind in _TURNS else 1.0
+    limits = tuple(end * factor for end in ends) if None not in ends else ()
     moving = kind in (*_TURNS, *_SLIDES)
     axis = _axis(each, element) if moving else np.array([0.0, 0.0, 1.0])
     parent = str(each.get("parent") or WORLD)
@@ -326,8 +323,9 @@ def _inside(elements, place, element, radian, ignored, depth) -> pin.Inertia:
             raise FormatError(f"{short_repr(each)} is not an element", element=element)
         kind = str(each.get("type", ""))
         if kind == "RigidBody":
-            for key in set(each) - _RIGID:
-                ignored.add(f"<{key[:60]}> of a RigidBody")
+            for key in each:
+                if key not in _RIGID:
+                    ignored.add(f"<{key[:60]}> of a RigidBody")
             own = place * _place(each, element, radian)
             total = total + own.act(_inertia(each, "inertia", element))
         elif kind in _SHAPES or kind.startswith("RigidBody"):
@@ -353,7 +351,7 @@ class _Plain:
         if isinstance(value, list):
             return [self.named(each, depth + 1) for each in value]
         if isinstance(value, dict):
-            return {self._old.get(key, key): self.named(each, depth + 1) for key, each in value.items()}
+            return {self._old.get(key, str(key)): self.named(each, depth + 1) for key, each in value.items()}
         return value
 
 
@@ -368,11 +366,11 @@ def _of_vrml(content, path) -> Contents:
     _count_fields(body, _HUMANOID, found.ignored)
     for joint in body.nodes("humanoidBody"):
         _visit(joint, WORLD, found, 0)
-    for number, node in enumerate((each for each in nodes if each.type == "ExtraJoint"), start=1):
+    for node in (each for each in nodes if each.type == "ExtraJoint"):
         given = {key: value for key, value in node.items()} | {"name": node.label}
         given |= {key: node.word(key) for key in ("link1Name", "link2Name", "jointType")}
         _count_fields(node, _EXTRA_JOINT, found.ignored)
-        found.extra.append(_extra(given, number, [one.name for one in found.extra]))
+        found.extra.append(_extra(given, [one.name for one in found.extra]))
     return found
 
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 import re
 from collections import Counter
 from typing import NamedTuple
+from xml.etree.ElementTree import Element
 
 import numpy as np
 import pinocchio as pin
 
 from ..mechanism.contacts import Contact
 from .ignored import COLLISIONS
-from .reading import parsed
 
 USUAL = 1.0  # friction without any in the file, as in SDF and MuJoCo
-COUNTED = re.compile(r"^\d+ (collision shape|colliding geom|floor)s?$")
+COUNTED = re.compile(r"^\d+ ((static )?collision shape|colliding geom|floor)s?$")
 SUPPORTED = ("sphere", "capsule", "box")
 
 
@@ -36,10 +36,10 @@ class Plane(NamedTuple):
     friction: float | None = None
 
 
-def solids_of_urdf(shapes: str) -> tuple[Solid, ...]:
-    """The collision shapes of a URDF text that was checked."""
+def solids_of_urdf(robot: Element) -> tuple[Solid, ...]:
+    """The collision shapes of a ``<robot>`` that was checked."""
     found = []
-    for link in parsed(shapes.encode()).findall("link"):
+    for link in robot.findall("link"):
         for each in link.findall("collision"):
             origin, solid = each.find("origin"), each.find("geometry")[0]
             given = {} if origin is None else origin.attrib
@@ -60,7 +60,7 @@ def ground_contacts(model, solids, planes, friction=None, rule=max) -> tuple[tup
     `friction` replaces that of the file; else that of a solid and of a plane are combined by `rule`. Points are the
     corners of boxes. A sphere with friction pivots about its centre, and does not roll.
     """
-    contacts, left, names = [], Counter(), set()
+    contacts, left, numbers = [], Counter(), Counter()
     for solid in solids:
         joint = model.frames[model.getFrameId(solid.frame)].parentJoint if model.existFrame(solid.frame) else 0
         if joint == 0:
@@ -75,7 +75,9 @@ def ground_contacts(model, solids, planes, friction=None, rule=max) -> tuple[tup
                 known = [each for each in (solid.friction, plane.friction) if each is not None]
                 own = rule(known) if known else USUAL
             for place, radius in _points(solid):
-                name = _unique(f"{solid.frame} {solid.kind}", names)
+                label = f"{solid.frame} {solid.kind}"
+                numbers[label] += 1
+                name = f"{label} {numbers[label]}"
                 on = {"normal": plane.normal, "offset": plane.offset + radius, "friction": own}
                 xyz = tuple((solid.place * place).tolist())
                 contacts.append(Contact(name, solid.frame, xyz, **on))
@@ -94,16 +96,9 @@ def _points(solid):
             yield signs * solid.sizes, 0.0
 
 
-def _unique(name, names) -> str:
-    number, unique = 1, f"{name} 1"
-    while unique in names:
-        number += 1
-        unique = f"{name} {number}"
-    names.add(unique)
-    return unique
-
-
 def still_ignored(ignored, left: Counter) -> tuple[str, ...]:
     """The lines about what has no effect, with what is `left` of collision shapes."""
-    lines = [line for line in ignored if not COUNTED.match(line) and not line.endswith(f"static {COLLISIONS}s")]
-    return (*lines, *(f"{count} {what}" for what, count in left.items()))
+    lines = [line for line in ignored if not COUNTED.match(line)]
+    for what, count in left.items():
+        lines.append(f"{count} {what.replace(COLLISIONS, COLLISIONS + 's' * (count > 1))}")
+    return tuple(lines)

@@ -9,9 +9,11 @@ from collections import Counter
 from collections.abc import Iterable
 from xml.etree.ElementTree import Element
 
+from ..mechanism.file_laws import WATCHED
+
 COLLISIONS = "collision shape"
 CONTACTS = "contact parameter"
-LIMITS = "limits of {} (watched, not enforced)"
+LIMITS = WATCHED
 HARMLESS_PLUGINS = re.compile(
     r"state_?publisher|odometry|camera|sensor|imu|lidar|laser|gps|navsat|bumper|p3d|ground_truth|altimeter"
     r"|magnetometer|user_?commands|scene_?broadcaster|pose_?publisher|diagnostic|video|log_?(record|system)",

@@ -29,6 +29,7 @@ _THEIR_KINDS = {
     "RigidConstraintModel of type CONTACT_3D": "point",
     "RigidConstraintModel of type CONTACT_6D": "frame",
 }
+_WITHOUT_SOLIDS = ("usd", "webots", "choreonoid")  # readers that leave collision shapes out
 _FLOATS = {  # files that define what floats
     "mjcf": "MJCF files, which define what floats: give the body a <freejoint/>",
     "usd": "USD files, which define what floats: a body without joints to the ground",
@@ -143,6 +144,11 @@ def read_scene(
         raise InputError(f"args= is for xacro files, and {path.name} is not one")
     if free_flyer and reader in _FLOATS:
         raise InputError(f"free_flyer= is not for {_FLOATS[reader]}")
+    if ground is not False and reader in _WITHOUT_SOLIDS:
+        raise InputError(
+            f"ground= is not for {path.name}: the collision shapes of such files are not read; add its contacts by "
+            "mech.with_contacts(pc.Contact(…))"
+        )
     loop_path = None if loops is None else Path(loops)
     if loops is None and is_urdf and not scene.content:
         loop_path = loopfile.find_loop_file(path)

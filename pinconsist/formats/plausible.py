@@ -26,6 +26,16 @@ MOST_SHOWN = 3
 _DIAGONAL = ("ixx", "iyy", "izz")
 
 
+def moving_inertias(
+    what: str, inertias: dict[str, pin.Inertia], model: pin.Model
+) -> Iterator[tuple[str, np.ndarray, pin.Inertia]]:
+    """What :func:`warn_of_inertias` needs of the bodies that move in a model; `inertias` are those by name."""
+    for name, inertia in inertias.items():
+        joint = model.frames[model.getFrameId(name)].parentJoint if model.existFrame(name) else 0
+        if joint:
+            yield f"{what} {name!r}", inertia.inertia, model.inertias[joint]
+
+
 def warn_of_inertias(path, bodies: Iterable[tuple[str, np.ndarray, pin.Inertia]]) -> None:
     """Warn of inertias (3, 3), kg·m², about the centre of mass that no body has.
 

@@ -80,7 +80,7 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), joint_t
     if true_loops:
         names = ", ".join(repr(loop.name) for loop in true_loops)
         warn(f"{path}: links are children of two joints; the tree is cut at {names}, which close the loops")
-    about = {"actuated": actuated, "ignored": ignored.lines(), "solids": solids_of_urdf(urdf)}
+    about = {"actuated": actuated, "ignored": ignored.lines(), "solids": solids_of_urdf(robot)}
     return RobotFile(model, urdf, (*true_loops, *loops), followers, forces, **about)
 
 

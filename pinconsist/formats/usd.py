@@ -35,7 +35,7 @@ from . import solids
 from .extensions import unique
 from .graph import WORLD, Axis, Body, Joint, JointGraph, Scene, build
 from .ignored import COLLISIONS, LIMITS, Ignored
-from .plausible import warn_of_inertias
+from .plausible import moving_inertias, warn_of_inertias
 from .reading import LARGEST, RobotFile, located, read_bytes, short_repr, text
 from .urdf import add_visual, fixed_links
 
@@ -88,7 +88,7 @@ def _read(path, name, folders, ignore) -> RobotFile:
     graph = JointGraph(scene, joints)
     inertias = stage.inertias()
     model, guess = build(scene, graph, inertias, name, graph.roots)
-    warn_of_inertias(path, _moving(model, inertias))
+    warn_of_inertias(path, moving_inertias("body", inertias, model))
     loops = [*graph.loops(), *stage.distances]
     actuators, couplings = tuple(stage.actuators(model)), tuple(stage.couplings(model))
     forces = (*stage.weights(model), *actuators)
@@ -96,13 +96,6 @@ def _read(path, name, folders, ignore) -> RobotFile:
     stage.count_unknown()
     ignored = stage.counted.lines()
     return RobotFile(model, stage.shapes(), tuple(loops), couplings, forces, guess, actuated, ignored)
-
-
-def _moving(model, inertias):
-    for name, inertia in inertias.items():
-        joint = model.frames[model.getFrameId(name)].parentJoint if model.existFrame(name) else 0
-        if joint:
-            yield f"body {name!r}", inertia.inertia, model.inertias[joint]
 
 
 def package():

@@ -32,7 +32,7 @@ from . import solids
 from .extensions import unique
 from .graph import WORLD, Axis, Body, Joint, JointGraph, Scene, build
 from .ignored import COLLISIONS, LIMITS, Ignored
-from .plausible import warn_of_inertias
+from .plausible import moving_inertias, warn_of_inertias
 from .reading import RobotFile, finite, read_bytes, short_repr, text
 from .urdf import add_visual, fixed_links
 from .webots_proto import CONVERT, Is, Proto, Protos, Scope, name_of
@@ -146,10 +146,7 @@ def read(path: Path, name: str, folders, *, ignore=()) -> RobotFile:
     scene = Scene(world.bodies, gravity=world.gravity)
     graph = JointGraph(scene, world.joints)
     model, guess = build(scene, graph, world.inertias, name, graph.roots)
-    moving = [(f"Solid {each!r}", inertia.inertia, model.inertias[model.frames[model.getFrameId(each)].parentJoint])
-              for each, inertia in world.inertias.items()
-              if model.existFrame(each) and model.frames[model.getFrameId(each)].parentJoint]  # fmt: skip
-    warn_of_inertias(path, moving)
+    warn_of_inertias(path, moving_inertias("Solid", world.inertias, model))
     motions = [motion for joint in graph.joints for motion in zip(joint.parts, joint.axes, strict=False)]
     forces = [JointSpring(part, axis.stiffness, axis.reference) for part, axis in motions if axis.stiffness]
     actuators = [each for each in world.actuators if model.existJointName(each.joint)]
@@ -318,11 +315,7 @@ class _Reader:
 
 
 def _is_number(word) -> bool:
-    return (
-        not isinstance(word, (Text, Vrml, Is)) and finite(word, math.inf) is not None
-        if isinstance(word, str)
-        else False
-    )
+    return isinstance(word, str) and not isinstance(word, (Text, Is)) and finite(word, math.inf) is not None
 
 
 class _World:
@@ -499,16 +492,12 @@ def _count_fields(node, counted, depth):
     """Count the fields that a node does not have in Webots, and suspensions, which do not act."""
     if depth > DEEPEST:
         return
+    known = _FIELDS.get(node.type)
     for field, value in node.items():
-        known = _FIELDS.get(node.type)
         if known is not None and field not in known and not field.startswith("hidden "):
             counted.add(f"<{field[:60]}> of {node.type}")
-        if (
-            field.startswith("suspension")
-            and field != "suspensionAxis"
-            and finite(str(value)) != 0.0
-            and value != ["0"]
-        ):
+        numbers = [finite(each) for each in (value if isinstance(value, list) else [value])]
+        if field.startswith("suspension") and field != "suspensionAxis" and numbers != [0.0]:
             counted.add("suspension of a joint")
         for each in node.nodes(field):
             _count_fields(each, counted, depth + 1)

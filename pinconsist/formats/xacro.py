@@ -27,10 +27,11 @@ _NAME = re.compile(rb"<name>\s*([\w.-]+)\s*</name>")
 def read(path: Path, name: str, folders, *, args=None, **options) -> RobotFile:
     """Read a xacro file; `args` are its arguments, name → value."""
     content = expanded(path, args or {}, [Path(folder) for folder in folders])
-    root = parsed(content).tag.rpartition("}")[2]
+    document = parsed(content)
+    root = document.tag.rpartition("}")[2]
     if root not in ("robot", "sdf"):
         raise FormatError(f"it expands to <{root}>, which is neither <robot> nor <sdf>")
-    if root == "robot" and parsed(content).find("link") is None:
+    if root == "robot" and document.find("link") is None:
         raise FormatError(_without_links(path))
     if root == "sdf":
         options.pop("joint_types", None)

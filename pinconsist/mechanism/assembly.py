@@ -132,7 +132,7 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY_C
         known.clear()
         if not solver.warned:
             known[start] = found
-    return replace(found, q=found.q.copy(), v=found.v.copy())
+    return replace(found, q=found.q.copy(), v=found.v.copy(), gaps=dict(found.gaps))
 
 
 def _start(solver, q, v):

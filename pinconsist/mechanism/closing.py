@@ -12,9 +12,8 @@ from .rows import LoopRows, Workspace, mass_matrix
 
 EXACT = 1e-14  # m or rad: rounding, which further iterations would only change
 CLOSED_GAP = 1e-10  # m or rad; rounding errors are far below
-NEARLY_CLOSED = (
-    1e-8  # accepted with a warning: redundant loops contradict each other slightly if a file's numbers are rounded
-)
+# Accepted with a warning: redundant loops contradict each other slightly if a file's numbers are rounded.
+NEARLY_CLOSED = 1e-8
 MAX_ITERATIONS = 200
 RESTARTS = 8
 MAX_CORRECTIONS = 30

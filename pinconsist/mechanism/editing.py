@@ -160,7 +160,7 @@ def _contacts(mechanism, smaller, locked):
     left = []
     for each in mechanism.contacts:
         ends = [getattr(each, field, "") for field in ("frame1", "frame2", "frame", "on")]
-        bodies = [_body(smaller, frame) for frame in ends if frame]
+        bodies = [body_of(smaller, frame) for frame in ends if frame]
         if getattr(each, "joint", "") not in locked and (not bodies or bodies[0] != bodies[1]):
             left.append(each)
     return tuple(left)
@@ -169,7 +169,7 @@ def _contacts(mechanism, smaller, locked):
 def _loop(loop, mechanism, smaller, locked, state):
     """The loop on the smaller model; None if it always holds there; InputError if it cannot be kept."""
     if isinstance(loop, Loop):
-        if _body(smaller, loop.frame1) != _body(smaller, loop.frame2):
+        if body_of(smaller, loop.frame1) != body_of(smaller, loop.frame2):
             return loop
     elif isinstance(loop, Coupling | Drive):
         joints = loop.joints if isinstance(loop, Coupling) else [loop.joint]
@@ -201,9 +201,9 @@ def _force(force, mechanism, smaller, locked, state):
     if isinstance(force, Actuator):
         return _actuator(force, mechanism.model, locked, state)
     if isinstance(force, SpringDamper | Bushing):
-        return None if _body(smaller, force.frame1) == _body(smaller, force.frame2) else force
+        return None if body_of(smaller, force.frame1) == body_of(smaller, force.frame2) else force
     if isinstance(force, Wrench | FluidDrag):
-        return None if _body(smaller, force.frame) == 0 else force
+        return None if body_of(smaller, force.frame) == 0 else force
     if isinstance(force, Piecewise):
         left = _force(force.force, mechanism, smaller, locked, state)
         return left and replace(force, force=left)
@@ -235,7 +235,8 @@ def _actuator(force, model, locked, state):
     return replace(force, joint=left, gear=1.0, gain=gain, bias=bias)
 
 
-def _body(model, frame):
+def body_of(model, frame):
+    """The joint that carries a frame, named as its body."""
     return model.frames[model.getFrameId(frame)].parentJoint
 
 

@@ -12,7 +12,8 @@ from .contacts import DryFriction, Stop, limits_of
 
 LIMITS = ("watch", "stops", "off")
 FRICTION = ("smooth", "exact")
-_LINE = re.compile(r"^limits of (\d+) joints? \(watched, not enforced\)$")
+WATCHED = "limits of {} (watched, not enforced)"  # the line about them in the list of what has no effect
+_LINE = re.compile("^" + re.escape(WATCHED).replace(r"\{\}", r"(\d+) joints?") + "$")
 
 
 def with_limits(mech, limits):
@@ -45,10 +46,10 @@ def with_limits(mech, limits):
 def _fewer(line, count) -> str:
     """The line about limits without those that act now."""
     found = _LINE.match(line)
-    left = int(found[1]) - count if found else 0
     if not found:
         return line
-    return f"limits of {left} joint{'s' * (left > 1)} (watched, not enforced)" if left > 0 else ""
+    left = int(found[1]) - count
+    return WATCHED.format(f"{left} joint{'s' * (left > 1)}") if left > 0 else ""
 
 
 def with_dry_friction(mech, dry_friction):

@@ -105,15 +105,6 @@ class ModeSystem(MechanismSystem):
         ]
         return ModeSystem(self.base, self.elements, self.every, modes, self._start, self.still)
 
-    @property
-    def lacking(self) -> set[int]:
-        """The elements that stick with fewer rows than they have tangents."""
-        return {
-            i
-            for i, (element, mode) in enumerate(zip(self.elements, self.modes, strict=True))
-            if mode.kind == STICK and len(self.used.get(i, {}).keys() - {0}) < element.tangents
-        }
-
     def hand_over(self, compiled):
         self.kept_rows.hand_over(compiled)
         for i, rows in self.used.items():

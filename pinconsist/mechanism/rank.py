@@ -83,12 +83,14 @@ def require_nonsingular(system, q) -> None:
     singular configuration: some rows are dependent here but independent at closed configurations nearby, and the motion
     branches. The last configuration that passed is remembered, as many runs start there.
     """
-    place = q.tobytes() if system.rows.pure else None
-    if place is None or place not in system.rows.regular:
-        _look_for_singularity(system, q)
-    if place is not None:
-        system.rows.regular.clear()
-        system.rows.regular[place] = True
+    known = system.rows.regular
+    place = q.tobytes()
+    if system.rows.pure and place in known:
+        return
+    _look_for_singularity(system, q)
+    if system.rows.pure:
+        known.clear()
+        known.add(place)
 
 
 def _look_for_singularity(system, q) -> None:

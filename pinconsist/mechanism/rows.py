@@ -102,7 +102,7 @@ class LoopRows:
         self.anchors: list[Anchors] = []  # the anchors in C++, once they are needed
         self.structure: list[np.ndarray] = []  # the structure constants of the model, once they are known
         self.assemblies: dict[tuple, Any] = {}  # the last start → its assembly
-        self.regular: dict[tuple, bool] = {}  # the last place at which the equations have a unique solution
+        self.regular: set[bytes] = set()  # the last place at which the equations have a unique solution
 
     @staticmethod
     def of(mechanism) -> LoopRows:
@@ -120,7 +120,8 @@ class LoopRows:
     def _with(self, loops, others) -> LoopRows:
         """The same rows for `loops`, of which some (their indices) have other numbers."""
         rows = copy(self)
-        rows.assemblies, rows.regular = {}, {}  # these depend on inertias
+        rows.assemblies = {}  # these depend on inertias, as the next one
+        rows.regular = set()
         if others:
             rows.loops, rows.closures = loops, list(self.closures)
             for i in others:

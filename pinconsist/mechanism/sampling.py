@@ -14,10 +14,8 @@ from itertools import pairwise
 import numpy as np
 
 EPS = float(np.finfo(float).eps)
-FEWEST_SAMPLES, MOST_SAMPLES = (
-    1999,
-    9973,
-)  # samples of a span; primes, so that they do not meet the zeros of a fast oscillation
+FEWEST_SAMPLES = 1999  # of a span; a prime, as the next one, so that they do not meet the zeros of a fast oscillation
+MOST_SAMPLES = 9973
 APART = 0.9727e-3  # s, between samples, where their number allows it; no part of usual periods
 COARSER = 4  # ratio of the distances of samples at which differences are taken
 COARSEST = 30  # samples of a span, at least

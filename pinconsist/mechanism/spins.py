@@ -15,7 +15,9 @@ import pinocchio as pin
 from .assembly import assemble
 from .closing import LoopSolver
 from .correction import Walk
+from .editing import body_of
 from .loops import Loop
+from .names import is_revolute
 from .rank import RANK_TOLERANCE
 
 ROUND = 1e-5  # relative: largest difference of the moments of inertia across the axis, and distances from it
@@ -59,7 +61,7 @@ def lock_spins(mechanism, q=None):
 def _spins(mechanism) -> list[Spin]:
     """Joints without motor, force or inertia of their own that turn a round body, with loops, about its axis."""
     model, found = mechanism.model, []
-    looped = {_body(model, frame) for loop in mechanism.anchored_loops for frame in (loop.frame1, loop.frame2)}
+    looped = {body_of(model, frame) for loop in mechanism.anchored_loops for frame in (loop.frame1, loop.frame2)}
     busy = _busy(mechanism)
     parents = set(model.parents)
     for i, name in enumerate(mechanism.joints, start=1):
@@ -84,22 +86,15 @@ def _busy(mechanism) -> set:
         known = any(frames) or any(isinstance(each, str | dict | tuple | list) and len(each) for each in named)
         if not known:  # a law of the user's, which may act on every joint
             return {*mechanism.joints}
-        found |= {_body(mechanism.model, frame) for frame in frames if isinstance(frame, str) and frame}
+        found |= {body_of(mechanism.model, frame) for frame in frames if isinstance(frame, str) and frame}
         for each in named:
             found |= {each} if isinstance(each, str) else {name for name in each if isinstance(name, str)}
     return found
 
 
-def _body(model, frame):
-    return model.frames[model.getFrameId(frame)].parentJoint
-
-
 def _axis(joint):
     """The axis of a revolute joint; None for others."""
-    joint = joint.extract() if hasattr(joint, "extract") else joint
-    if not joint.shortname().startswith(("JointModelR", "JointModelRevolute")):
-        return None
-    return np.array(joint.createData().S).ravel()[3:]
+    return np.ravel(joint.createData().S)[3:] if is_revolute(joint) else None
 
 
 def _is_round(inertia, axis) -> bool:
@@ -122,7 +117,7 @@ def _opened(loop, mechanism, spins, q):
         return loop
     model = mechanism.model
     ends = {spin.index: spin for spin in spins}
-    one, other = (ends.get(_body(model, frame)) for frame in (loop.frame1, loop.frame2))
+    one, other = (ends.get(body_of(model, frame)) for frame in (loop.frame1, loop.frame2))
     if one is None or other is None:
         return loop
     frame = model.frames[model.getFrameId(loop.frame1)]

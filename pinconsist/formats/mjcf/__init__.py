@@ -65,7 +65,7 @@ def read(path: Path, name: str, folders, *, ignore=()) -> RobotFile:
     shapes = _visible(compiled, stand_ins, tree.bodies, source.meshes)
     actuated = tuple(joint for joint, _ in actuators if joint)
     ignored = (*counted(compiled, tree.off).lines(), *source.ignored.lines())
-    solids, planes = colliding(compiled, tree.bodies, tree.off)
+    solids, planes = colliding(compiled, tree)
     return RobotFile(
         tree.model, shapes, closures, forces=forces, guess=guess, actuated=actuated, ignored=ignored,
         solids=solids, planes=planes,
@@ -231,13 +231,20 @@ class Source:
 
     def _leave_out(self, root):
         """Remove the elements that `ignore` names by tag or name, and those that refer to one by its name."""
-        for node in list(root.iter()) if self._ignore else ():
-            for child in [each for each in node if each.tag not in _STRUCTURE]:
-                names = {child.tag, child.get("name", "")}
-                if names & self._ignore or self._gone & {child.get(key) for key in _REFERENCES}:
-                    self._gone |= {child.get("name")} - {None, ""}
-                    log_left_out(child.tag, child.get("name", ""))
-                    node.remove(child)
+        searching = bool(self._ignore)
+        while searching:  # what refers to an element may come before it
+            found = [(node, child) for node in root.iter() for child in node if self._is_left_out(child)]
+            for node, child in found:
+                self._gone |= {child.get("name")} - {None, ""}
+                log_left_out(child.tag, child.get("name", ""))
+                node.remove(child)
+            searching = bool(found)
+
+    def _is_left_out(self, child) -> bool:
+        if child.tag in _STRUCTURE:
+            return False
+        names = {child.tag, child.get("name", "")}
+        return bool(names & self._ignore or self._gone & {child.get(key) for key in _REFERENCES})
 
     def _clean(self, node, compiler, folder):
         """Remove the file names from an element; the file of a mesh is added to ``meshes``."""

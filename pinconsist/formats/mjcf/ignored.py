@@ -10,31 +10,37 @@ _PLANE, _HFIELD = 0, 1
 _KINDS = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}
 
 
-def colliding(m, bodies, off) -> tuple[tuple[Solid, ...], tuple[Plane, ...]]:
-    """The geoms that may touch a plane of the world, and these planes; `bodies` are the names of links."""
-    if {"contact", "constraint"} & set(off):
+def colliding(m, tree) -> tuple[tuple[Solid, ...], tuple[Plane, ...]]:
+    """The geoms that may touch a plane of the world, or z = 0 if there is none, and these planes."""
+    if {"contact", "constraint"} & tree.off:
         return (), ()
     floors = [g for g in range(m.ngeom) if m.geom_type[g] == _PLANE and m.body_weldid[m.geom_bodyid[g]] == 0]
     solids, planes = {}, []
     for floor in floors:
-        place = pose(m.geom_pos[floor], m.geom_quat[floor])
-        base = pose(m.body_pos[m.geom_bodyid[floor]], m.body_quat[m.geom_bodyid[floor]])
-        place = base * place if m.geom_bodyid[floor] else place
+        frame = tree.model.frames[tree.model.getFrameId(tree.bodies[m.geom_bodyid[floor]])]
+        place = frame.placement * pose(m.geom_pos[floor], m.geom_quat[floor])
         normal = place.rotation[:, 2]
         planes.append(Plane(tuple(normal.tolist()), float(normal @ place.translation)))
-        for g in np.flatnonzero(_meets(m, floor)):
-            kind, (a, b, c) = _KINDS.get(int(m.geom_type[g]), "height field"), map(float, m.geom_size[g])
-            sizes = {"sphere": (a,), "capsule": (a, b), "box": (a, b, c)}.get(kind, ())
-            place = pose(m.geom_pos[g], m.geom_quat[g])
-            own = bodies[m.geom_bodyid[g]]
+        for g in np.flatnonzero(_meets(m, m.geom_contype[floor], m.geom_conaffinity[floor])):
             friction = float(max(m.geom_friction[[g, floor], 0])) if max(m.geom_condim[[g, floor]]) > 1 else 0.0
-            solids[g] = Solid(own, place, kind, sizes, friction)
+            solids[g] = _solid(m, g, tree.bodies, friction)
+    if not floors:
+        for g in np.flatnonzero(_meets(m, 1, 1)):  # the bits that a plane has by default
+            solids[g] = _solid(m, g, tree.bodies, float(m.geom_friction[g, 0]))
     return tuple(solids.values()), tuple(planes)
 
 
-def _meets(m, floor) -> np.ndarray:
-    """Which geoms collide with a floor, by their bits, and are on bodies that are not welded to the world."""
-    fit = (m.geom_contype & m.geom_conaffinity[floor]) | (m.geom_contype[floor] & m.geom_conaffinity)
+def _solid(m, g, bodies, friction) -> Solid:
+    """A geom, on the link of its body."""
+    kind = _KINDS.get(int(m.geom_type[g]), "height field")
+    a, b, c = map(float, m.geom_size[g])
+    sizes = {"sphere": (a,), "capsule": (a, b), "box": (a, b, c)}.get(kind, ())
+    return Solid(bodies[m.geom_bodyid[g]], pose(m.geom_pos[g], m.geom_quat[g]), kind, sizes, friction)
+
+
+def _meets(m, contype, conaffinity) -> np.ndarray:
+    """Which geoms collide with a floor, by its bits and theirs, and are on bodies that are not welded to the world."""
+    fit = (m.geom_contype & conaffinity) | (contype & m.geom_conaffinity)
     return (fit != 0) & (m.body_weldid[m.geom_bodyid] != 0)
 
 

@@ -310,17 +310,22 @@ class Tree:
                 else:
                     yield self._coupling(e, name) if kind == "joint" else self._loop(e, kind, name, data)
 
+    def _of_sites(self, e) -> bool:
+        """Whether an equality is between sites, which older versions of MuJoCo do not have."""
+        return getattr(self._m, "eq_objtype", {e: 0})[e] == _SITE
+
     def _moves_nothing(self, e) -> bool:
         """Whether the bodies or sites of an equality are on one joint, or on the ground."""
         m, ends = self._m, (self._m.eq_obj1id[e], self._m.eq_obj2id[e])
-        if getattr(m, "eq_objtype", {e: 0})[e] == _SITE:
+        if self._of_sites(e):
             ends = [m.site_bodyid[i] for i in ends]
         return self._stands[ends[0]][0] == self._stands[ends[1]][0]
 
     def _loop(self, e, kind, name, data):
         """The loop of a connect or weld, between sites or bodies."""
-        m, values, ends = self._m, self._m.eq_data[e], (self._m.eq_obj1id[e], self._m.eq_obj2id[e])
-        if getattr(m, "eq_objtype", {e: 0})[e] == _SITE:
+        values = self._m.eq_data[e]
+        ends = self._m.eq_obj1id[e], self._m.eq_obj2id[e]
+        if self._of_sites(e):
             frames, places = [self.sites[i] for i in ends], [pin.SE3.Identity()] * 2
         else:
             frames = [self.bodies[i] if i else GROUND for i in ends]
