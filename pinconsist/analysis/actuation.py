@@ -268,7 +268,7 @@ class Actuation(Motors):
 
 def of_parameters(act, parameters, q):
     """See :meth:`Actuation.derivatives`."""
-    rows = [act._q(q)] if q is None or np.ndim(q) == 1 else [act._q(each) for each in np.asarray(q, float)]
+    rows = [act._q(each) for each in np.asarray(q, float)] if np.ndim(q) == 2 else [act._q(q)]
     varied, model = Varied(act.mechanism, parameters), act.mechanism.model
 
     def gaps(mechanism, _):

@@ -144,7 +144,8 @@ struct Together {
         const Reason reason = run.run(t_end, BATCH, {false, nullptr, none, none}, std::exchange(jumped, false));
         run.output = {};
         if (run.failure != Failure::none) return name_of(run.failure);
-        if (run.t != t_end && reason != Reason::steps) return name_of(reason);
+        const bool goes_on = reason == Reason::steps || (reason == Reason::slow && run.to_come <= ENDLESS);
+        if (run.t != t_end && !goes_on) return "chatters";
       }
     } catch (const std::exception &error) {
       return error.what();

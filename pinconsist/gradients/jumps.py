@@ -80,10 +80,8 @@ def refuse_moving_jumps(variants, system, t, reached, t_end, q, v) -> None:
 
 
 def _refuse_moved(name, step, times, others) -> None:
-    near = np.sort(np.asarray(others, float))
-    for t in times:
-        after = np.searchsorted(near, t)
-        moved = np.abs(near[max(0, after - 1) : after + 1] - t).min(initial=np.inf)
+    times = np.asarray(times, float)
+    for t, moved in zip(times, _distances(times, np.sort(np.asarray(others, float))), strict=True):
         if moved > STAYS * abs(step) + 2.0 * jump_offset(t):
             raise InputError(
                 f"a force or a constraint jumps or bends at t = {t:.4g} s, and the parameter {name!r} moves this time: "
@@ -94,18 +92,23 @@ def _refuse_moved(name, step, times, others) -> None:
 
 def _grid(leg):
     """The times between which the steps of a leg are, without those beyond its end, which an event has cut off."""
-    (begin, end), sign = leg.span, 1.0 if leg.span[1] >= leg.span[0] else -1.0
-    inside = [t for t in leg.t if sign * (t - begin) > 0.0 and sign * (end - t) > 0.0]
+    begin, end = leg.span
+    inside = [t for t in leg.t if leg.sign * (t - begin) > 0.0 and leg.sign * (end - t) > 0.0]
     return np.array([begin, *inside, end] if abs(end - begin) > jump_offset(end) else [begin])
+
+
+def _distances(times, known):
+    """The distances of times from the nearest of the sorted times `known`."""
+    if not len(known):
+        return np.full(len(times), np.inf)
+    after = np.searchsorted(known, times)
+    near = np.column_stack([known[np.maximum(after - 1, 0)], known[np.minimum(after, len(known) - 1)]])
+    return np.abs(near - times[:, None]).min(axis=1)
 
 
 def _are_known(times, known):
     """Whether each of the times is one of the sorted times `known`."""
-    if not len(known):
-        return np.zeros(len(times), bool)
-    after = np.searchsorted(known, times)
-    near = np.column_stack([known[np.maximum(after - 1, 0)], known[np.minimum(after, len(known) - 1)]])
-    return np.abs(near - times[:, None]).min(axis=1) <= jump_offset(times)
+    return _distances(times, known) <= jump_offset(times)
 
 
 def _parts(grid, known):

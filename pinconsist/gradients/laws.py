@@ -6,7 +6,7 @@ derivatives, and by those of the torques times du. Backwards, the derivative of 
 in which u acts, is added to that by the state of its sample.
 """
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from types import FunctionType, MethodType
 
 import numpy as np
@@ -16,8 +16,8 @@ from ..errors import InputError
 from ..mechanism.breakpoints import jump_offset, with_own_state
 from ..mechanism.checks import called, real_array
 from ..mechanism.forces import Sampled
-from ..mechanism.forces.held import BoundSampled, Given
-from ..run.known import Pull
+from ..mechanism.forces.held import BoundSampled
+from ..run.known import unit_torque
 
 SAME = 1e-9  # relative to the torques of a law: what it may differ by if it is called once more
 ADVICE = (
@@ -70,32 +70,30 @@ class Laws:
         self._base, self._variants, self._nv = base, variants, system.nv
         records = [force for force in base.mechanism.forces if isinstance(force, Sampled)]
         self._forces = [force for force in system.forces.values() if isinstance(force, BoundSampled)]
-        self.units, self._torques = [], []
+        self._columns: list[int] = []  # of the velocities on which they act, of all of them
+        self._torques = []
         for number, (record, force) in enumerate(zip(records, self._forces, strict=True)):
-            places = np.arange(len(self.units), len(self.units) + len(force.columns))
-            self.units += np.eye(system.nv)[force.columns].tolist()
+            places = np.arange(len(self._columns), len(self._columns) + len(force.columns))
+            self._columns += np.arange(system.nv)[force.columns].tolist()
             samples = force.sampled()
             self._torques.append([Torque(number, i, t, record, places) for i, t in enumerate(samples)])
         self._due = sorted((each for torques in self._torques for each in torques), key=lambda each: each.t)
+        self._times = [each.t for each in self._due]
         self._rates: dict = {}  # torque → du, (m, P)
         self._copies: dict = {}  # law → it, and a copy that may be called
         self._bars: dict = {}  # torque → derivative of a number by it, (m,)
 
     def __len__(self):
-        return len(self.units)
+        return len(self._columns)
 
     def parts(self, before):
         """(index, parts) of the torques as parameters of steps, after so many others."""
-        found = []
-        for k, unit in enumerate(self.units):
-            bound = Given(self._nv)
-            bound.give(np.array(unit))
-            found.append((before + k, [(1.0, Pull(bound))]))
-        return found
+        torques = [unit_torque(self._nv, column) for column in self._columns]
+        return [(before + k, [(1.0, torque)]) for k, torque in enumerate(torques)]
 
     def cuts(self, leg) -> list[int]:
         """The numbers of steps of a leg after which the torques change, with 0 and all."""
-        sign = 1.0 if leg.span[1] >= leg.span[0] else -1.0
+        sign = leg.sign
         ends = sorted(leg.span)
         changes = sorted(sign * t for force in self._forces for t in force.times_between(*ends))
         ends, found = leg.t, [0]
@@ -106,7 +104,8 @@ class Laws:
         return [*found, len(ends)]
 
     def _sampled_at(self, t):
-        return [each for each in self._due if abs(each.t - t) <= jump_offset(t)]
+        near = jump_offset(t)
+        return self._due[bisect_left(self._times, t - near) : bisect_right(self._times, t + near)]
 
     def acting(self, t) -> list[Torque]:
         """The torques in effect from a time on."""
@@ -161,7 +160,9 @@ class Laws:
 
     def _called(self, side, torque, q, v):
         law = self._record(side, torque).law
-        _, copied = self._copies.setdefault(id(law), (law, with_own_state(law)))
+        if id(law) not in self._copies:
+            self._copies[id(law)] = law, with_own_state(law)
+        _, copied = self._copies[id(law)]
         return np.array(called(copied, f"the law of {torque.record.label!r}", torque.t, q, v), float, ndmin=1)
 
 

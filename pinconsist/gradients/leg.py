@@ -40,7 +40,7 @@ class Leg:
         if _is_cut(last := self.steps[-1]):
             self.steps = [*self.steps[:-1], *self._propagator.again([last.ending_at(last.end)])]
 
-    _sign = property(lambda self: 1.0 if self.t[-1] >= self.start.t_old else -1.0)
+    sign = property(lambda self: 1.0 if self.span[1] >= self.span[0] else -1.0)
     start = property(lambda self: self.steps[0])
     t = property(lambda self: np.array([step.end for step in self.steps]))
     span = property(lambda self: (self.start.t_old, self.steps[-1].end))
@@ -54,7 +54,7 @@ class Leg:
         return step.t_old, step.h
 
     def _holders(self, times):
-        sign = self._sign
+        sign = self.sign
         return np.minimum(np.searchsorted(sign * self.t, sign * times), len(self.steps) - 1)
 
     def _placed(self, times):
@@ -142,15 +142,16 @@ class Leg:
 
     def _through(self, steps, s, numbers):
         """S at the ends of shorter steps, which are parts of those with these numbers."""
-        ends = np.empty_like(self._with_torques(s))
-        self._propagator.forward(steps, self._with_torques(s), ends)
+        s = self._with_torques(s)
+        ends = np.empty_like(s)
+        self._propagator.forward(steps, s, ends)
         return self._joined(ends, numbers)
 
     def _acting(self, t, n, inside):
         """The numbers of the steps whose torques act at times, which are after n steps unless they are `inside`."""
         numbers = np.maximum(n - 1, 0)
         numbers[inside] = n[inside]
-        behind = (n > 0) & (n < len(self.steps)) & (self._sign * t > self._sign * self.t[np.maximum(n - 1, 0)])
+        behind = (n > 0) & (n < len(self.steps)) & (self.sign * t > self.sign * self.t[np.maximum(n - 1, 0)])
         numbers[behind] = n[behind]
         return numbers
 

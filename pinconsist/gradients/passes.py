@@ -230,18 +230,22 @@ def across_event(leg, following, solution, variants, base, s):
 
 def pushed(leg, following, variants, base, s):
     """The same where velocities jump with the rates of constraints: they are projected onto those behind the jump."""
-    system, (t, sign) = leg.system, (leg.span[1], sign_of([leg]))
-    p, v, (q, rate) = leg.steps[-1].p, leg.steps[-1].v, (following.start.p0, following.start.v0)
-    if np.abs(rate - v).max() <= PUSHED * (1.0 + np.abs(v).max()):
+    system = leg.system
+    last = leg.steps[-1]
+    first = following.start
+    if np.abs(first.v0 - last.v).max() <= PUSHED * (1.0 + np.abs(last.v).max()):
         return s
 
     def projected(side, t, p, v):
         p, v = side.index1(system).projected(t, p, v)
-        return np.concatenate((system.difference(q, p), v))
+        return np.concatenate((system.difference(first.p0, p), v))
 
-    behind = t + sign * jump_offset(t)
+    behind = leg.span[1] + leg.sign * jump_offset(leg.span[1])
     return np.array(
-        [moved(projected, each, base, system, behind, p, v, row) for each, row in zip(variants, s, strict=True)]
+        [
+            moved(projected, each, base, system, behind, last.p, last.v, row)
+            for each, row in zip(variants, s, strict=True)
+        ]
     )
 
 

@@ -79,9 +79,10 @@ def _maker(build, t, of_run, q0, v0, forces, events, control=None):
             raise InputError(f"build(theta) must return a Mechanism, it returned a {type(mechanism).__name__}")
         if id(mechanism) not in made:
             commanded = mechanism if control is None else mechanism.with_control(control)
-            made[id(mechanism)] = mechanism, with_added_forces(commanded, forces, "sensitivities")
+            acting = with_added_forces(commanded, forces, "sensitivities")
+            refuse_black_boxes(acting)
+            made[id(mechanism)] = mechanism, acting
         acting = made[id(mechanism)][1]
-        refuse_black_boxes(acting)
         starts = [value(values.copy()) if callable(value) else value for value in (q0, v0)]
         return Side(
             acting,

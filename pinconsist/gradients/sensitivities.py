@@ -97,7 +97,7 @@ class Sensitivities:
         function : callable or str
             ``function(mech, t, q, v, lam)``, a number or an array; `mech` is the mechanism with the parameters' values.
             Or a quantity by its name, as for :meth:`Solution.evaluate`: ``"peak reaction boom_pin"``. An extremum is
-        followed in time; if two are equal, the derivative does not exist, and that of one of them is returned.
+            followed in time; if two are equal, the derivative does not exist, and that of one of them is returned.
 
         Returns
         -------

@@ -254,9 +254,10 @@ def variants_of(make, theta, names, steps, base: Side, system, t, p, v, paramete
         unit = np.arange(len(theta)) == i
         return Variant(names[i], theta[i], float(step), base, lambda m: make(theta + m * step * unit), list(parts))
 
-    own = base.index1(system).system if parameters else system
-    parts = [(i, parts_of(each, own, chosen[i])) for i, each in parameters]
-    known, moved = [(i, own) for i, own in parts if own], {}
+    of_base = base.index1(system).system
+    parts = [(i, parts_of(each, of_base, chosen[i])) for i, each in parameters]
+    known = [(i, each) for i, each in parts if each]
+    moved = {}
     of_known = {column for i, _ in known for column in np.atleast_1d(i).tolist()}
     for i in sorted(set(range(len(names))) - of_known):
         moved[i] = _smooth(partial(beside, i), chosen[i], 1 if given[i] else MOST_TRIES, system, t, p, v)

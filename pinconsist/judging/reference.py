@@ -95,7 +95,7 @@ class Measure:
 
     def __init__(self, mechanism, reference: Reference):
         self.mechanism, self.reference, self.model = mechanism, reference, mechanism.model
-        self.rows, self.data = LoopRows.of(mechanism), mechanism.model.createData()
+        self.rows = LoopRows.of(mechanism)
         sol = reference.sol
         doubtful = undetermined(mechanism, sol.t, sol.q)
         self.left_out = tuple(doubtful)

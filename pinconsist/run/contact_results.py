@@ -151,10 +151,14 @@ class ContactHistory:
     def of_sided_rows(self, t) -> np.ndarray:
         """The same, of rows whose times were shifted to their sides of the changes, see ``sided``."""
         t, starts = np.asarray(t, float), np.array(self.starts)
-        apart = np.abs(t[:, None] - starts)
-        nearest = starts[np.argmin(apart, axis=1)]
-        nearest[apart.min(axis=1) > 2.0 * jump_offset(t)] = np.nan
-        several = np.array([np.count_nonzero(nearest == each) > 1 for each in nearest])
+        after = np.searchsorted(starts, t)
+        before = starts[np.maximum(after - 1, 0)]
+        behind = starts[np.minimum(after, len(starts) - 1)]
+        nearest = np.where(np.abs(t - before) <= np.abs(behind - t), before, behind)
+        near = np.abs(nearest - t) <= 2.0 * jump_offset(t)
+        _, groups, sizes = np.unique(nearest[near], return_inverse=True, return_counts=True)
+        several = np.zeros(len(t), bool)
+        several[near] = sizes[groups] > 1
         return self.of_rows(np.where(several, nearest, t))
 
     def modes(self, end) -> list[ContactMode]:
@@ -239,15 +243,15 @@ def row_units(mechanism) -> list[str]:
     return units
 
 
-def contact_motion(solution, mechanism, name) -> ContactMotion:
-    """What :meth:`Solution.contact` returns."""
+def contact_motion(solution, mechanism, name, rows=None) -> ContactMotion:
+    """What :meth:`Solution.contact` returns; `rows` are those of :func:`rows_of`, if they are known."""
     elements, names = mechanism.contact_elements, [each.name for each in mechanism.contacts]
     of = [i for i, each in enumerate(elements) if name in (each.name, each.record.name)]
     if not of:
         there = f"the contacts are {', '.join(names)}" if names else "it has no contacts"
         raise InputError(f"{mechanism.name}: no contact {name!r}{near(name, names)}; {there}")
     firsts = mechanism.nc + first_rows(elements)
-    phi, rates = rows_of(solution, mechanism, elements)
+    phi, rates = rows or rows_of(mechanism, solution.t, solution.q, solution.v)
     gap, force, slip = _measured(solution, mechanism, elements, of, firsts, phi, rates)
     kinds = [[table[i].kind for i in of] for table in solution.contacts.tables]
     table = solution.contacts.of_rows(solution.t)
@@ -260,10 +264,11 @@ KINDS = (OPEN, CLOSED, STICK, SLIP)
 
 def contact_columns(solution, mechanism):
     """(name, unit, values) of the columns of contacts in tables."""
-    if solution.contacts is None:
+    if solution.contacts is None or not mechanism.contacts:
         return
+    rows = rows_of(mechanism, solution.t, solution.q, solution.v)
     for record in mechanism.contacts:
-        found = contact_motion(solution, mechanism, record.name)
+        found = contact_motion(solution, mechanism, record.name, rows)
         of_gap, of_force = contact_units(mechanism, record.name)
         if record.kind != "dry-friction":
             yield f"gap.{record.name}", of_gap, found.gap
@@ -275,9 +280,9 @@ def contact_columns(solution, mechanism):
         yield f"mode.{record.name}", codes, np.array([float(KINDS.index(kind)) for kind in found.mode])
 
 
-def rows_of(solution, mechanism, elements):
-    """Positions and rates of all rows of elements at the rows of a solution, (n, m) each."""
-    t, q, v = solution.t, solution.q, solution.v
+def rows_of(mechanism, t, q, v):
+    """Positions and rates of all rows of the contacts at several states, (n, m) each."""
+    elements = mechanism.contact_elements
     none = np.zeros((len(t), int(first_rows(elements)[-1])))
     return all_rows(elements, mechanism.model).residuals(t, q, v, none)[:2]
 
@@ -343,7 +348,7 @@ def too_slow(mechanism, history, t, q, v) -> np.ndarray:
     """Mask of the rows at which some contact slides so slowly that the direction of its friction is not known."""
     elements = mechanism.contact_elements
     firsts, found = first_rows(elements), np.zeros(len(t), bool)
-    rates = all_rows(elements, mechanism.model).residuals(t, q, v, np.zeros((len(t), int(firsts[-1]))))[1]
+    rates = rows_of(mechanism, t, q, v)[1]
     for row, table in enumerate(history.of_sided_rows(t)):
         for i, (element, mode) in enumerate(zip(elements, history.tables[table], strict=True)):
             slip = rates[row, firsts[i] + element.pushes : firsts[i + 1]]

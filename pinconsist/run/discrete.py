@@ -18,10 +18,10 @@ from ..errors import InputError, PinconsistError
 from ..mechanism.checks import frame_of
 from ..mechanism.forces import Actuator
 from ..mechanism.forces.actuators import BoundHeldActuator
-from ..mechanism.forces.held import BoundSampled, Given
+from ..mechanism.forces.held import BoundSampled
 from ..mechanism.names import velocity_names
 from ..mechanism.rank import null_space
-from .known import Pull
+from .known import Pull, unit_torque
 from .propagator import Propagator
 
 CLEARLY, ROUNDING = 0.1, 1e-9  # of unit motions: least speed of a coordinate that others do not determine
@@ -179,9 +179,7 @@ class Inputs:
             if name in actuators:
                 parts = _by_command(actuators[name], system, t)
             else:
-                unit = Given(model.nv)
-                unit.give(np.eye(model.nv)[places[name]])
-                parts = [(1.0, Pull(unit))]
+                parts = [(1.0, unit_torque(model.nv, places[name]))]
             self.known.append((self._states + k, parts))
 
     def __len__(self):

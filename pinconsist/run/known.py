@@ -99,6 +99,13 @@ class Nodes:
         rates.act(columns[0], self.nodes, columns)
 
 
+def unit_torque(nv, column) -> Pull:
+    """A torque of one at one of the velocities."""
+    unit = Given(nv)
+    unit.give(np.eye(nv)[column])
+    return Pull(unit)
+
+
 @dataclass
 class HeldNodes:
     """The derivative by torques of a table that are held: `nodes` are pairs (entry, velocity) of the `table`."""
@@ -120,10 +127,8 @@ class HeldNodes:
         for velocity in sorted({velocity for _, velocity in self.nodes}):
             own = [(entry, k) for (entry, where), k in zip(self.nodes, columns, strict=True) if where == velocity]
             key = own[0][1]
-            unit = Given(self.nv)
-            unit.give(np.eye(self.nv)[velocity])
             rates.set_held(key, self.table.compiled(rates))
-            Pull(unit).side_of(rates, key, weight)
+            unit_torque(self.nv, velocity).side_of(rates, key, weight)
             rates.act(key, *map(list, zip(*own, strict=True)))
 
 

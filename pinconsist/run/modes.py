@@ -319,9 +319,10 @@ class Modes:
         A, u, factors = R @ response, state.rates[rows], np.array(e)
         self._require_response(state, closed, at, A, u)
         kinetic = state.kinetic(state.v)
+        dependent = state.depend(closed)
         for _ in range(60):
             b = u + factors * np.minimum(u, 0.0) * np.isin(np.arange(len(u)), list(at.values()))
-            impulses, _, left = solve(A, b, blocks, state.depend(closed))
+            impulses, _, left = solve(A, b, blocks, dependent)
             v = state.v + response @ impulses
             lost = kinetic - state.kinetic(v)
             if lost >= -GAIN * max(kinetic, state.kinetic(state.v - v)) or not factors.any():
@@ -520,6 +521,7 @@ class _Accelerations:
         flat, deep = SLIDES * (1.0 + largest(state.v)), modes.still
         self.sliding: dict[int, np.ndarray] = {}
         self.sticking, self._closed = set(), sorted(closed)
+        self._dependent = state.depend(self._closed)
         for i, element in enumerate(modes.elements):
             if not element.tangents or not element.static or (element.pushes and i not in closed):
                 continue
@@ -571,7 +573,7 @@ class _Accelerations:
         b = state.R[rows] @ free + state.bias[rows]
         A = state.R[rows] @ np.column_stack(columns)
         self._scale = largest(b)
-        return solve(A, b, blocks, state.depend(self._closed))
+        return solve(A, b, blocks, self._dependent)
 
     def modes(self, z, u):
         """The modes of a solution."""
