@@ -154,7 +154,9 @@ def _of_gravity(mechanism, name) -> Parameter:
         model.gravity.linear = changed(mechanism, value)
         return _changed(mechanism, model=model)
 
-    part = lambda value: ("gravity", changed(mechanism, value))  # noqa: E731
+    def part(value):
+        return "gravity", changed(mechanism, value)
+
     return Parameter(name, float(mechanism.model.gravity.linear[AXES[name]]), put, part)
 
 
@@ -204,13 +206,18 @@ def _of_record(mechanism, name, kind, whose) -> Parameter | None:
     for label, (place, i, record) in records_of(mechanism).items():
         of_joints = kind in OF_JOINTS and isinstance(record, OF_JOINTS[kind])
         if of_joints and _is_number(part_at(record, ("coefficients", whose))):
-            part = lambda value, record=record: ("force", replace(record, coefficients={whose: value}))  # noqa: E731
-            return replace(_number_of(name, label, place, i, record, ("coefficients", whose)), part=part)
+            found = _number_of(name, label, place, i, record, ("coefficients", whose))
+            return replace(found, part=_coefficient_of(record, whose))
         named = whose in (label, label.partition(" ")[2], getattr(record, "joint", label))
         undamped = kind in OF_JOINTS and whose in mechanism.joints and not part_at(record, (kind,))
         if named and not undamped and _is_number(part_at(record, (kind,))):
             return _number_of(name, label, place, i, record, (kind,))
     return None
+
+
+def _coefficient_of(record, joint) -> Callable:
+    """The part of a coefficient of one joint in a force of several, which may act on it alone."""
+    return lambda value: ("force", replace(record, coefficients={joint: value}))
 
 
 def _of_tree(mechanism, name, kind, whose) -> Parameter:
@@ -226,7 +233,9 @@ def _of_tree(mechanism, name, kind, whose) -> Parameter:
             _PLACES.pop(other, None)  # the model may have one more force, or one less
             return other
 
-        part = lambda value: ("force", OF_JOINTS[kind]({whose: value}))  # noqa: E731
+        def part(value):
+            return "force", OF_JOINTS[kind]({whose: value})
+
         return Parameter(name, float(getattr(model, kind)[columns][0]), put_coefficient, part, ("joint", kind, columns))
     if kind != "length" or not (whose in mechanism.joints or model.existFrame(whose)):
         raise unknown(mechanism, name)
@@ -278,17 +287,20 @@ def _number_of(name, label, place, i, record, path) -> Parameter:
             return _changed(mechanism, forces=tuple(records))
         return replace(mechanism, **{place: records})
 
-    part: Callable | None = None
-    if isinstance(part_at(record, path[:-2]), Table) and path[-2] == "values":
-        part = lambda value: ("nodes", record, path[:-2], [int(path[-1])])  # noqa: E731
-    elif isinstance(record, HeldTorque) and path[0] == "torques":
-        node = int(path[1]), int(path[2]) if len(path) > 2 else 0
-        part = lambda value: ("held", label, [node])  # noqa: E731
-    elif isinstance(record, HeldRecord):
-        pass
-    elif place == "forces" and isinstance(record, ForceRecord):
-        part = lambda value: ("force", with_number(record, path, value))  # noqa: E731
+    part = _part_of(label, place, record, path)
     return Parameter(name, float(part_at(record, path)), put, part, (place, label, path))
+
+
+def _part_of(label, place, record, path) -> Callable | None:
+    """:attr:`Parameter.part` of the number at a path in a record; None where its derivative is not known."""
+    if isinstance(part_at(record, path[:-2]), Table) and path[-2] == "values":
+        return lambda value: ("nodes", record, path[:-2], [int(path[-1])])
+    if isinstance(record, HeldTorque) and path[0] == "torques":
+        node = int(path[1]), int(path[2]) if len(path) > 2 else 0
+        return lambda value: ("held", label, [node])
+    if place == "forces" and isinstance(record, ForceRecord) and not isinstance(record, HeldRecord):
+        return lambda value: ("force", with_number(record, path, value))
+    return None
 
 
 def records_of(mechanism) -> dict:
