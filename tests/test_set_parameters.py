@@ -6,6 +6,7 @@ from helpers.changed_numbers import CHANGES, scene
 
 import pinconsist as pc
 
+TIGHT = {"rtol": 1e-10, "atol": 1e-12}  # two runs then differ by less than what is compared
 IN_PLACE = [name for name in CHANGES if not name.startswith(("gravity", "length:left_distal"))]
 
 
@@ -16,7 +17,7 @@ def steps(sim, n=5):
 
 
 def moved(mech):
-    sim = pc.Simulation(mech, v0={"left_crank": 1.0})
+    sim = pc.Simulation(mech, v0={"left_crank": 1.0}, **TIGHT)
     return sim, steps(sim)
 
 
@@ -24,7 +25,7 @@ def compared(sim, values, state):
     """The next steps are those of a new simulation from the state that `set_parameters` returned."""
     begun = sim.set_parameters(values)
     assert begun.t == state.t
-    other = pc.Simulation(sim.mechanism.with_forces(*sim.mechanism.forces[:-1]), begun.q, begun.v, t0=begun.t)
+    other = pc.Simulation(sim.mechanism.with_forces(*sim.mechanism.forces[:-1]), begun.q, begun.v, t0=begun.t, **TIGHT)
     mine, theirs = steps(sim), steps(other)
     np.testing.assert_allclose(mine.q, theirs.q, rtol=0, atol=1e-9)
     np.testing.assert_allclose(mine.v, theirs.v, rtol=0, atol=1e-8)
@@ -95,7 +96,7 @@ def test_anchors_move_the_state_onto_the_loops():
     sim, _ = moved(scene())
     state = sim.set_parameters({"tip.xyz2[0]": 0.01, "tip.xyz1[2]": -0.01})
     q, v = state.q, state.v
-    solver = pc.Simulation(sim.mechanism, q, v)
+    solver = pc.Simulation(sim.mechanism, q, v, **TIGHT)
     np.testing.assert_allclose(solver.state.q, q, rtol=0, atol=1e-9)
 
 
@@ -103,10 +104,10 @@ def test_anchors_move_the_state_onto_the_loops():
 def test_other_mechanisms(name):
     mech = pc.load(name)
     joint = mech.joints[-1]
-    sim = pc.Simulation(mech)
+    sim = pc.Simulation(mech, **TIGHT)
     sim.step(0.01)
     begun = sim.set_parameters({f"mass:{joint}": 1.7})
-    other = pc.Simulation(mech.with_parameters({f"mass:{joint}": 1.7}), begun.q, begun.v, t0=begun.t)
+    other = pc.Simulation(mech.with_parameters({f"mass:{joint}": 1.7}), begun.q, begun.v, t0=begun.t, **TIGHT)
     np.testing.assert_allclose(sim.step(0.01).q, other.step(0.01).q, rtol=0, atol=1e-10)
 
 

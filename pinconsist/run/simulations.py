@@ -157,6 +157,13 @@ class Simulations:
 
         `values` maps names to a number, or to an array (k,) with one for each of these runs.
         `which` is a mask (n,) or indices, by default all; see :meth:`Simulation.set_parameters`.
+
+        Raises
+        ------
+        InputError
+            If a name or number is impossible, or `which` selects no run of these.
+        AssemblyError
+            If the loops of a run cannot be closed with the new numbers.
         """
         if not isinstance(values, Mapping):
             raise InputError(f"set_parameters needs a mapping name → number, got {values!r}")

@@ -17,12 +17,11 @@ STATES = ("open", "closed", "stick", "slip", "impact")
 LIGHTS = {"open": 0xA0A4AA, "closed": 0x2E7D32, "stick": 0x2E7D32, "slip": 0xF57C00, "impact": 0xFFD600}
 MEANINGS = {"open": "open", "closed": "closed, or stuck", "slip": "sliding", "impact": "impact"}
 FLASH = 0.15  # s of playing for which an impact is seen
-PLATE, MARGIN = (
-    0.15,
-    0.08,
-)  # thickness of a plane, relative to a link; what it extends beyond its points, to the picture
+PLATE = 0.15  # thickness of a plane, relative to a link
+MARGIN = 0.08  # what a plane extends beyond its points, relative to the picture
 ALONG = 0.5  # of the body of a joint: where its stops are
-MARK, ROPE = 1.2, 0.35  # radii of points and ropes, relative to that of a link
+MARK = 1.2  # radius of a point, relative to that of a link
+ROPE = 0.35  # radius of a rope
 
 
 @dataclass(frozen=True)
