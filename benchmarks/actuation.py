@@ -95,7 +95,7 @@ def measured(scenes=SCENES, calls=CALLS, repeats=REPEATS) -> list[Costs]:
 
 
 def measured_in_c(act: Actuation, repeats: int) -> list[float]:
-    """Times of closure, Jacobian and dynamics, s; NaN where there is no compiler, no CasADi, or no C of it."""
+    """Times of closure, Jacobian and dynamics, s; NaN where there is no compiler, or no C of it."""
     if (compiler := shutil.which("cc")) is None:
         return [float("nan")] * 3
     start = act.positions()

@@ -14,8 +14,8 @@ from helpers.scenes import add_body
 
 import pinconsist as pc
 
-pytest.importorskip("casadi", reason="CasADi is not installed: pip install casadi")
 COMPILER = shutil.which("cc") or pytest.skip("there is no C compiler", allow_module_level=True)
+DIGIT = Path(__file__).resolve().parents[2] / "shared" / "robots" / "digit_like"
 STRICT = "-std=c99 -Wall -Wextra -Werror -pedantic -O0 -shared -fPIC".split()
 KINDS = {
     "point": {}, "frame": {}, "hinge": {"axis": (0.6, 0, 0.8)}, "slider": {"axis": (0, 0, 1)},
@@ -39,7 +39,25 @@ def tied(kind) -> pc.Mechanism:
     return pc.Mechanism(model, loops, name=kind, guess={"float": [0.1, 0, 0, 0.1, 0.2, -0.1], "motor": 0.3})
 
 
+def geared() -> pc.Mechanism:
+    """Couplings of every kind: an angle that wraps, its whole multiple, a sum on both sides; sprung and damped."""
+    model, kinds = pin.Model(), {"motor": pin.JointModelRUBZ, "wheel": pin.JointModelRUBX, "ring": pin.JointModelRY}
+    kinds |= {"carrier": pin.JointModelRZ, "rack": pin.JointModelPX}
+    for name, kind in kinds.items():
+        add_body(model, 0, kind(), pin.SE3.Random(), name, 0.4, (0.1, 0, 0.1), 0.02)
+    gears = [
+        pc.Coupling("wheel", "wheel", "motor", ratio=-3.0, offset=0.2), pc.Coupling("ring", "ring", "motor", ratio=2.0),
+        pc.Coupling("planets", {"carrier": 3.0, "ring": -1.0}, {"rack": 2.0}, ratio=0.5, higher=(0.4,)),
+        pc.Coupling("rack", "rack", "ring", ratio=0.3, higher=(0.0, 0.2)),
+    ]  # fmt: skip
+    return pc.Mechanism(model, gears, [pc.JointTorque({"rack": 0.7})], name="geared", guess={"motor": 2.9})
+
+
 def actuation(name):
+    if name == "geared":
+        return pc.Actuation(geared(), ["motor"])
+    if name == "digit_like":
+        return pc.Actuation(pc.load(DIGIT))
     if name in KINDS:
         return pc.Actuation(tied(name), ["motor"])
     if name in actuated.FREE:
@@ -65,14 +83,16 @@ def same(one, other):
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # free motions
 @pytest.mark.parametrize(
-    "name", [*KINDS, *actuated.FREE, "ankle", "boom", "five_bar", "andrews", "delta_robot", "double_pendulum"]
-)
+    "name",
+    [*KINDS, *actuated.FREE, "geared", "ankle", "boom", "five_bar", "andrews", "delta_robot", "double_pendulum",
+     pytest.param("digit_like", marks=pytest.mark.skipif(not DIGIT.exists(), reason="the robot is not here"))],
+)  # fmt: skip
 def test_c_and_python_are_equal(name, tmp_path):
     act, rng = actuation(name), np.random.default_rng(1)
     lib, m, nv = library(act, tmp_path), len(act.motors), act.mechanism.nv
     q = act.q.copy()
     for _ in range(3):
-        goal = act.positions() + rng.uniform(-0.03, 0.03, m)
+        goal = act.positions() + rng.uniform(-0.01, 0.01, m)
         expected, ok = act.closure(goal)
         assert ok
         assert call(lib.leg_closure, goal, q) == 0
@@ -105,15 +125,27 @@ def test_a_walk_in_c_stays_in_its_mode_of_assembly(tmp_path):
     assert done > 500 and codes == {0, 1, 2}
 
 
+@pytest.mark.skipif(not DIGIT.exists(), reason="the robot is not here")
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_the_code_of_a_humanoid_is_short(tmp_path):
+    """It was 9,800 lines of expressions."""
+    lines = actuation("digit_like").to_c(tmp_path / "leg.c").read_text().splitlines()
+    assert len(lines) < 2000
+    assert max(map(len, lines)) <= 120
+
+
 def test_the_same_file_each_time(tmp_path):
     texts = [pc.Actuation(pc.load("four_bar")).to_c(tmp_path / "a.c").read_bytes() for _ in range(2)]
     assert texts[0] == texts[1]
 
 
+@pytest.mark.filterwarnings("ignore::UserWarning")  # free motions
 def test_what_has_no_c():
     mech, file = pc.load("five_bar"), Path("a.c")
     motors = mech.actuated
+    ball = pc.Mechanism(actuated.held("ball").model, (), [pc.JointSpring("ball", 1.0)], name="ball")
     cases = {
+        "the force 'spring ball' cannot be converted to C": pc.Actuation(ball, ["motor0"]),
         "the force 'torque pull' cannot be converted to C": pc.Actuation(mech.add_forces(pull)),
         "some motors depend on others": pc.Actuation(mech, [*motors, "left_distal"]),
         "'free' has several degrees": pc.Actuation(replace(actuated.held("free"), actuated=()), ["free"]),

@@ -244,8 +244,6 @@ class Actuation(Motors):
 
         Raises
         ------
-        MissingExtraError
-            CasADi is not installed.
         OSError
             The file cannot be written.
         InputError

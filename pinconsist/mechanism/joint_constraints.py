@@ -152,6 +152,7 @@ class DriveRow(Rows):
     def __init__(self, model, drive: Drive):
         self.loop = drive
         self._joint = Coordinate(model, drive.joint, f"drive {drive.name!r}", "driven")
+        self.period = self._joint.period
         self._functions = {"curve": drive.curve}
         for field in ("rate", "acceleration"):
             if (function := getattr(drive, field) or getattr(drive.curve, field, None)) is not None:
@@ -184,7 +185,7 @@ class DriveRow(Rows):
         curve = self.loop.curve
         if type(curve) is not Motion or self.loop.rate is not None:
             return False
-        compiled.add_drive(self._joint.place, self._joint.period or 0.0, curve.numbers)
+        compiled.add_drive(self._joint.place, self.period or 0.0, curve.numbers)
         return True
 
     def check_derivatives(self, t, q) -> None:
@@ -308,7 +309,7 @@ class CouplingRow(Rows):
         self._law = (coupling.offset, coupling.ratio, *coupling.higher)
         self._slope = polyder(self._law)
         self._bend = polyder(self._slope)
-        self._period = self._common_period(coupling)
+        self.period = self._common_period(coupling)
         self._nv = model.nv
 
     def _common_period(self, coupling) -> float | None:
@@ -331,7 +332,7 @@ class CouplingRow(Rows):
         other, J = self._other.value(q), np.zeros((1, self._nv))
         J[0, self._joint.columns] = self._joint.shares
         J[0, self._other.columns] = -polyval(other, self._slope) * np.array(self._other.shares)
-        return np.array([_nearest(self._joint.value(q) - polyval(other, self._law), self._period)]), J
+        return np.array([_nearest(self._joint.value(q) - polyval(other, self._law), self.period)]), J
 
     def acceleration_bias(self, data, t, q, v):
         return np.array([-polyval(self._other.value(q), self._bend) * self._other.speed(v) ** 2])
@@ -340,7 +341,7 @@ class CouplingRow(Rows):
         if not (self._joint.alone and self._other.alone):
             return False
         places = self._joint.joints[0].place, self._other.joints[0].place
-        compiled.add_coupling(*places, self._period or 0.0, np.array(self._law))
+        compiled.add_coupling(*places, self.period or 0.0, np.array(self._law))
         return True
 
 

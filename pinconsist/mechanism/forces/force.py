@@ -112,6 +112,11 @@ class _BoundTorque(BoundForce):
             self._curves.append((curve, here, shape, f"the torque of joint {joint!r}"))
         self.smooth = all(type(curve) is Motion for curve in functions.values())
 
+    @property
+    def constant(self):
+        """τ, shape (nv,), or None if some of it depends on time."""
+        return None if self._curves else self._constant
+
     def torque(self, t, q, v):
         tau, t = self._constant.copy(), self.breakpoints.inside(t)
         for curve, here, shape, what in self._curves:
