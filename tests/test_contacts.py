@@ -51,17 +51,9 @@ def test_the_first_row_of_multipliers_after_an_impact_is_right():
     )
 
 
-def pendulum(lower, upper, restitution):
-    model = pin.Model()
-    model.gravity.linear = np.array([0.0, 0.0, -G])
-    add_body(model, 0, pin.JointModelRY(), at(0, 0), "hinge", 2.0, (0, 0, -0.5), 0.1)
-    stops = [pc.Stop("hinge", lower, upper, restitution=restitution)]
-    return pc.Mechanism(model, contacts=stops, name="pendulum")
-
-
 def test_a_pendulum_between_elastic_stops_keeps_its_energy_and_its_times():
     """Against scipy, run from stop to stop."""
-    sol = pc.simulate(pendulum(-0.4, 0.5, 1.0), (0.0, 30.0), [0.1], [2.0], **SLOW)
+    sol = pc.simulate(touching.pendulum(-0.4, 0.5, 1.0), (0.0, 30.0), [0.1], [2.0], **SLOW)
     inertia = 0.1 + 2.0 * 0.25
 
     def rate(t, y):

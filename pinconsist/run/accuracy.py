@@ -150,8 +150,8 @@ def finer_run(solution, mechanism=None, patience=np.inf) -> FinerRun:
     return FinerRun(system, rows, at, asked, run.p, run.v, run.lam, _apart(ours, times, t), contacts)
 
 
-def global_error(solution, finer: FinerRun) -> GlobalError:
-    """The error of a solution."""
+def global_error(solution, finer: FinerRun, apart=False) -> GlobalError:
+    """The error of a solution; `apart` is a mask of more rows that are not compared."""
     system, rows = finer.system, finer.rows
     t, q, v, lam = (part[rows] for part in (solution.t, solution.q, solution.v, solution.lam))
     other = finer.q[finer.at], finer.v[finer.at], finer.lam[finer.at]
@@ -166,7 +166,7 @@ def global_error(solution, finer: FinerRun) -> GlobalError:
         error_force[[contacts.at(time) != finer.contacts.at(time) for time in t]] = 0.0
         error_force[too_slow(system.mechanism, contacts, t, q, v)] = 0.0
     for error in (error_q, error_v, error_force):
-        error[finer.apart] = 0.0
+        error[finer.apart | apart] = 0.0
     others = largest(system.evaluate(t[0], q[0], v[0], np.zeros(system.nv))[0])
     names, units = _coordinates(system)
     of_q, of_v = (units[_worst(error)[1]] for error in (error_q, error_v))
@@ -210,12 +210,17 @@ def _method(solution, system, by_radau):
 def _rows(solution, most):
     """The rows that are compared: both rows at an event that changed the state are left out.
 
-    Where only forces jumped, the row after the jump is compared.
+    Where only forces jumped, the row after the jump is compared. The run begins after the changes at its start, and
+    ends before those at its end.
     """
-    states = np.hstack((solution.q, solution.v))
-    jumps = np.flatnonzero(np.diff(solution.t) == 0.0)
+    t, states = solution.t, np.hstack((solution.q, solution.v))
+    jumps = np.flatnonzero(np.diff(t) == 0.0)
     moved = (states[jumps] != states[jumps + 1]).any(axis=1)
-    rows = np.setdiff1d(np.arange(len(states)), (*jumps, *jumps[moved] + 1))
+    rows = np.setdiff1d(np.arange(len(t)), (*jumps, *jumps[moved] + 1))
+    if not len(rows) or t[rows[0]] != t[0]:
+        rows = np.append(np.count_nonzero(t == t[0]) - 1, rows)
+    if t[rows[-1]] != t[-1]:
+        rows = np.append(rows, len(t) - np.count_nonzero(t == t[-1]))
     return rows[np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).astype(int))]
 
 

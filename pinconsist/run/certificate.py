@@ -18,6 +18,7 @@ from ..mechanism.rows import Workspace
 from ..mechanism.system import MechanismSystem
 from .accuracy import OFF, GlobalError, accelerations, figure, global_error, measured, work_of
 from .contact_results import row_units, too_slow
+from .impact_errors import ImpactErrors, impact_errors, impact_errors_of
 
 OPEN_LOOP = 1e-8  # m or rad, and m/s or rad/s: a loop with a larger gap is open
 UNCLEAR = 0.1 * OFF  # an energy balance that is off by more may be so because rows are few
@@ -89,6 +90,11 @@ class Certificate:
         The first non-finite number in the rows, as text; nothing else is judged then.
     not_modelled : tuple of str
         Elements of the mechanism's file that have no effect, see ``Mechanism.ignored``.
+    impacts : ImpactErrors or None
+        The impacts of contacts, compared one by one with those of the finer run; None if there is none, or if neither
+        has impacts.
+    impacts_of_run : int
+        The number of impacts.
     """
 
     position: float
@@ -115,6 +121,8 @@ class Certificate:
     pulling: dict[str, float] = field(default_factory=dict)
     not_finite: str = ""
     not_modelled: tuple[str, ...] = ()
+    impacts: ImpactErrors | None = None
+    impacts_of_run: int = 0
 
     def __str__(self):
         return "\n".join([self.verdict, "", *self._figures(), *(f"note: {concern}" for concern in self.concerns)])
@@ -126,8 +134,12 @@ class Certificate:
 
     @property
     def not_judged(self) -> list[str]:
-        """Quantities that were not checked, although they could be wrong: ``error``, ``energy``; usually empty."""
-        return ["error"] * (self.error is None) + ["energy"] * self._too_few_rows
+        """Quantities that were not checked, although they could be wrong: ``error``, ``energy``, ``impacts``.
+
+        Usually empty.
+        """
+        unseen = self.impacts_of_run > 0 and self.impacts is None
+        return ["error"] * (self.error is None) + ["energy"] * self._too_few_rows + ["impacts"] * unseen
 
     @property
     def verdict(self) -> str:
@@ -147,7 +159,7 @@ class Certificate:
             found.append(f"error of q about {_short(self.error.q, self.error.units[0])}")
         elif self.energy_error is not None and not self._too_few_rows:
             found.append(f"energy balanced to {_short(self.energy_error)}")
-        motion_judged = len(self.not_judged) < 2  # by the error or by the energy
+        motion_judged = not {"error", "energy"} <= set(self.not_judged)  # by the error or by the energy
         ends = ["ok"] if self.ok and motion_judged else []
         ends += [f"look at {', '.join(self._named_concerns)}"] if not self.ok else []
         ends += [f"not unique: forces of {listed(self.not_unique)}"] if self.not_unique else []
@@ -188,6 +200,8 @@ class Certificate:
             lines += str(self.error).splitlines()
         elif self.error_missing:
             lines.append(f"{'error of q':<20} not judged: {self.error_missing}")
+        if self.impacts is not None:
+            lines += self.impacts.figures
         if self.corrected_by:
             lines.append(figure("file's numbers", self.corrected_by, "m, rad", False, "their largest correction"))
         if self.not_modelled:
@@ -226,6 +240,8 @@ class Certificate:
                 f"the error is {self.error.tolerances:.0f} times the tolerance: the motion amplifies perturbations, as "
                 f"chaotic motions do; {advice} until the accuracy suffices, or trust only the beginning of the run"
             )
+        if self.impacts is not None:
+            found |= self.impacts.concerns
         if self.undetermined:
             found["undetermined forces"] = (
                 f"{not_determined(self.undetermined)}; the motion and the sum of Jᵀλ over all loops are correct. "
@@ -276,6 +292,7 @@ def from_plain(data: dict | None) -> Certificate | None:
         | {"not_unique": shared, "branches": tuple(data["branches"])}
         | {"not_modelled": tuple(data.get("not_modelled", ()))}
         | {"error": error and GlobalError(**error | {"units": tuple(error["units"])})}
+        | {"impacts": impact_errors_of(data.get("impacts"))}
     )
 
 
@@ -355,6 +372,9 @@ def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
         where = f"{label} at t = {solution.t[i]:.6g} s"
     energy = None if mechanism is None else energy_of(solution, mechanism, workspace, system, found)
     seen = _seen(solution, finer)
+    impacts, apart = None, False
+    if finer is not None and solution.contacts is not None:
+        impacts, apart = impact_errors(solution, finer)
     balance, work_error = 0.0, 0.0
     if energy is not None:
         balance, work_error = _balance(solution, energy, finer, lambda: solution.energy(mechanism))
@@ -376,12 +396,14 @@ def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
         fixed_step=solution.method.get("step") is not None,
         ended_early=solution.status < 0,
         saturated={} if mechanism is None else saturated(mechanism, *seen[:3]),
-        error=None if finer is None else global_error(solution, finer),
+        error=None if finer is None else global_error(solution, finer, apart),
         error_missing=missing,
         added=_added(solution, energy, system),
         branches=_branches(solution, system, finer) if finer is not None or missing else (),
         pulling={} if mechanism is None else _pulling(mechanism, system.rows, seen[0], seen[3]),
         not_modelled=() if mechanism is None else mechanism.ignored,
+        impacts=impacts,
+        impacts_of_run=0 if solution.contacts is None else len(solution.contacts.impacts),
     )
 
 

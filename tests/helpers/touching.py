@@ -17,6 +17,15 @@ def ball(restitution=0.0, **options):
     return pc.Mechanism(model, contacts=[pc.Stop("z", lower=0.0, restitution=restitution)], name="ball", **options)
 
 
+def pendulum(lower, upper, restitution):
+    """A rod of 2 kg on a hinge, between two stops."""
+    model = pin.Model()
+    model.gravity.linear = np.array([0.0, 0.0, -G])
+    add_body(model, 0, pin.JointModelRY(), at(0, 0), "hinge", 2.0, (0, 0, -0.5), 0.1)
+    stops = [pc.Stop("hinge", lower, upper, restitution=restitution)]
+    return pc.Mechanism(model, contacts=stops, name="pendulum")
+
+
 def block(*contacts, slope=0.0, forces=()):
     """A mass of 1 kg that moves along x and z, with gravity turned by `slope`; the frame z is at its centre."""
     model = pin.Model()
