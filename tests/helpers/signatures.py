@@ -8,7 +8,7 @@ PARAMETERS = {  # those after the bar by name only
     "Assembly": "q v gaps rows rank mobility moved iterations",
     "Certificate": "position position_at velocity force force_first energy_error energy work_error undetermined "
     "not_unique beyond_limits corrected_by fixed_step ended_early error error_missing saturated speed units added "
-    "branches pulling not_finite not_modelled",
+    "branches pulling not_finite not_modelled impacts impacts_of_run",
     "Constraint": "name function size jacobian rate moving rows step unilateral knots",
     "Contact": "name frame xyz radius normal offset on friction restitution",
     "Coupling": "name joint other ratio offset higher",
