@@ -77,12 +77,19 @@ def files_of(source):
             raise pc.InputError(f"{source}: pip install {package}") from None
     else:
         root = Path(source)
-    found = [path for path in sorted(root.rglob("*")) if path.suffix.lower() in READERS and path.is_file()]
+    found = [path for path in sorted(root.rglob("*")) if _is_scene(path)]
     if not found:
         raise pc.InputError(f"{source}: no file of a kind that can be read")
     for path in found:
         if path.suffix != ".xml" or path.name != "package.xml":
             yield str(path.relative_to(root)), path
+
+
+def _is_scene(path) -> bool:
+    try:
+        return path.suffix.lower() in READERS and path.is_file() and bool(reader_of(path))
+    except pc.FormatError:  # of YAML files, which are of many kinds
+        return False
 
 
 def _row(title, file, until) -> Row:

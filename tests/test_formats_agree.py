@@ -335,6 +335,30 @@ def choreonoid(tmp_path):
     return pc.load(path)
 
 
+def ambf(tmp_path):
+    """The bodies of AMBF stand where the loop is closed; a joint has an axis and a pivot in each of its bodies."""
+    lines = ["bodies: [BODY ground, BODY crank_bar, BODY coupler_bar, BODY rocker_bar]"]
+    lines += ["joints: [JOINT crank, JOINT coupler, JOINT rocker, JOINT tip]", "gravity: {x: 0, y: 0, z: -9.81}"]
+    lines += ["BODY ground: {name: ground, mass: 0}"]
+    for name, length, x, z, angle in bars():
+        along, across = inertia(length, length)
+        lines.append(f"""BODY {name}_bar: {{name: {name}_bar, mass: {length}, location: {{position: {{x: {x!r}, y: 0,
+  z: {z!r}}}, orientation: {{r: 0, p: {angle!r}, y: 0}}}}, inertia: {{ix: {along!r}, iy: {across!r}, iz: {across!r}}},
+  inertial offset: {{position: {{x: {length / 2}, y: 0, z: 0}}, orientation: {{r: 0, p: 0, y: 0}}}}}}""")
+    for name, parent, child, x1, x2 in (
+        ("crank", "ground", "crank_bar", 0, 0),
+        ("coupler", "crank_bar", "coupler_bar", 1, 0),
+        ("rocker", "ground", "rocker_bar", 2.2, 0),
+        ("tip", "coupler_bar", "rocker_bar", 2, 1.5),
+    ):
+        lines.append(f"""JOINT {name}: {{name: {name}, parent: BODY {parent}, child: BODY {child}, type: revolute,
+  parent axis: {{x: 0, y: 1, z: 0}}, child axis: {{x: 0, y: 1, z: 0}}, detached: {str(name == "tip").lower()},
+  parent pivot: {{x: {x1}, y: 0, z: 0}}, child pivot: {{x: {x2}, y: 0, z: 0}}}}""")
+    path = tmp_path / "four_bar.yaml"
+    path.write_text("\n".join(lines) + "\n")
+    return pc.load(path)
+
+
 def openhrp(tmp_path):
     def bar(name, x, inside=""):
         own, length = float(GUESS[list(LENGTHS).index(name)]), LENGTHS[name]
@@ -367,7 +391,7 @@ def written(suffix):
 SPOKEN |= {f"{suffix}_written": written(f".{ending}") for suffix, ending in
            (("sdf", "sdf"), ("mjcf", "xml"), ("usd", "usda"))}  # fmt: skip
 WAYS = {way.__name__: way for way in (loop_file, closing_frames, loop_joint, sdf, mjcf, pinocchio_model)}
-WAYS |= {way.__name__: way for way in (xacro, usd, webots, webots_proto, choreonoid, openhrp)} | SPOKEN
+WAYS |= {way.__name__: way for way in (xacro, usd, webots, webots_proto, choreonoid, ambf, openhrp)} | SPOKEN
 
 
 @pytest.fixture(scope="module")

@@ -475,7 +475,17 @@ def test_a_xacro_file_is_expanded_with_its_includes_and_arguments(robot, tmp_pat
         pc.load("four_bar", args={"length": 1})
 
 
+@needs_xacro
+def test_properties_may_begin_with_an_underscore(robot):
+    """Single underscores mark private properties in public files; names of Python have two."""
+    text = """<xacro:property name="_long" value="0.55"/><xacro:if value="${_long > 1 or _long == 0.55}">"""
+    path = robot(f"{text}{SPOKEN['loop_joint']}</xacro:if>{CRANK_ROCKER}", "probe.xacro", XACRO)
+    assert pc.load(path).loops == (HINGE,)
+
+
 EVIL = {
+    "a name of Python": "${__builtins__}",
+    "an attribute": "${().__doc__}",
     "a file": "${xacro.load_yaml('/etc/passwd')}",
     "a file above": "<xacro:include filename='../secret.xacro'/>",
     "a file by find": "<xacro:include filename='$(find arm)/x.xacro'/>",

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from helpers.fuzz_seeds import (
+    AMBF,
     BODY,
     CLOSING_JOINTS,
     CLOSURES,
@@ -83,7 +84,7 @@ def test_xacro(tmp_path, rng):
     outcome(path)
 
 
-WORDS = {"scene.usda": USD, "scene.wbt": WEBOTS, "scene.proto": PROTO, "scene.wrl": WRL, "scene.body": BODY}
+WORDS = {"scene.usda": USD, "scene.wbt": WEBOTS, "scene.proto": PROTO, "scene.wrl": WRL, "scene.body": BODY, "scene.yaml": AMBF}
 
 
 @pytest.mark.parametrize("name", WORDS)
@@ -92,7 +93,7 @@ def test_words(tmp_path, name, rng):
     if name.endswith("usda"):
         pytest.importorskip("pxr.Usd")
     path = tmp_path / name
-    path.write_bytes((mutated_yaml if name.endswith("body") else mutated_words)(WORDS[name], rng))
+    path.write_bytes((mutated_yaml if name.endswith(("body", "yaml")) else mutated_words)(WORDS[name], rng))
     outcome(path)
 
 

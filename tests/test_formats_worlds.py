@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pinocchio as pin
 import pytest
+from helpers.warned import told
 
 import pinconsist as pc
 from pinconsist.formats import solids
@@ -71,6 +72,50 @@ def test_a_detachable_joint_to_another_model_of_the_file(sdf):
     assert (loop.frame1, loop.frame2) == ("arm::crank", "box::lid") and gap(mech, loop) < 1e-12
     missing = pc.load(sdf(models % plugin.replace(">box<", ">cup<").replace(">lid<", ">edge<"), world=True))
     assert missing.loops == () and any("the model 'cup'" in each for each in missing.ignored)
+
+
+def test_attached_links_of_a_model(sdf):
+    """The plugin of gz_attach_links: a weld where the links are, here with a helper link on a hinge of its own."""
+    text = OPEN + link("helper", "0.6 0 0 0 -1.4 0") + joint("j4", "crank", "helper")
+    plugin = """<plugin filename="libattach-links.so" name="gz::sim::systems::AttachLinks"><parent>helper</parent>
+    <child>rocker</child></plugin>"""
+    mech = pc.load(sdf(text + plugin))
+    (loop,) = mech.loops
+    assert (loop.kind, loop.frame1, loop.frame2) == ("frame", "helper", "rocker") and gap(mech, loop) < 1e-12
+    assert not mech.ignored
+    with pytest.raises(pc.FormatError, match="plugin AttachLinks: parent and child are the same link 'helper'"):
+        pc.load(sdf(text + plugin.replace("rocker", "helper")))
+
+
+def test_empty_elements_are_defaults(sdf):
+    """As in libsdformat; exporters write them."""
+    limits = "<axis><xyz>0 1 0</xyz><limit><lower/><upper></upper><effort/></limit><dynamics><damping/></dynamics></axis>"
+    mech = pc.load(sdf(link("a", inside="<gravity/>") + joint("j", "world", "a", inside=limits)))
+    assert np.isinf(mech.model.upperPositionLimit).all() and np.isinf(mech.model.upperEffortLimit).all()
+
+
+def test_a_missing_axis_is_the_default_of_sdf(sdf, recwarn):
+    mech = pc.load(sdf(link("a") + joint("j", "world", "a", inside="")))
+    assert "joint 'j': axis: the element is missing, and the axis is z" in told(recwarn)
+    data = mech.model.createData()
+    pin.computeJointJacobians(mech.model, data, pin.neutral(mech.model))
+    np.testing.assert_allclose(pin.getJointJacobian(mech.model, data, 1, pin.WORLD).ravel(), [0, 0, 0, 0, 0, 1], atol=1e-12)
+
+
+@pytest.mark.parametrize("version", ["1.2", "1.3"])
+def test_old_versions_are_read_as_1_4(sdf, tmp_path, version):
+    """Axes are in the frame of the model, and a joint may be called world."""
+    text = link("a", "0 0 1 0.7 0 0") + joint("world", "world", "a")
+    path = sdf(text, world=False)
+    mechs = []
+    for each in (version, "1.4"):
+        path.write_text(re.sub('version="1.."', f'version="{each}"', path.read_text()))
+        mechs.append(pc.load(path))
+    assert mechs[0].joints == ("world_joint",)
+    (one, two) = (mech.model.jointPlacements[1] for mech in mechs)
+    np.testing.assert_allclose(one.homogeneous, two.homogeneous, atol=1e-15)
+    with pytest.raises(pc.FormatError, match="joint 'world': the name is reserved"):
+        pc.load(sdf(text))
 
 
 def test_constraints_of_drake_in_a_model(sdf):

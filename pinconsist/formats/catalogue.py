@@ -21,10 +21,14 @@ from .loopfile import read as read_loop_file
 READERS = {".urdf": "urdf", ".sdf": "sdf", ".world": "sdf", ".xml": "mjcf", ".mjcf": "mjcf", ".xacro": "xacro"}
 READERS |= {".body": "choreonoid", ".wrl": "choreonoid"}
 READERS |= dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), "usd") | {".wbt": "webots", ".proto": "webots"}
+READERS |= dict.fromkeys((".yaml", ".yml"), "ambf")
 """Suffix → the module whose ``read`` reads such files; imported when needed."""
 ROOTS = {"robot": "urdf", "sdf": "sdf", "gazebo": "sdf", "mujoco": "mjcf"}
 """Root element → the reader of an XML file, whatever its suffix is."""
 _XML = ("urdf", "sdf", "mjcf")
+_KEYS = {b"bodies": "ambf", b"directives": "directives", b"links": "choreonoid"}
+"""Key of a YAML file → the reader."""
+_KEY = re.compile(rb"(?m)^[\"']?(" + b"|".join(_KEYS) + rb")[\"']?\s*:")
 _HEAD = 100_000  # bytes of a file in which its root element is searched for
 _ROOT = re.compile(rb"(?s)<!--.*?-->|<\?.*?\?>|<!.*?>|<([A-Za-z_][\w.:-]*)([^>]*)")
 ROBOTS = ("cassie", "cassie_reduced", "cassie_simple", "cassie_v2", "cassie_wo_gearbox_spring")
@@ -69,7 +73,7 @@ class Source(NamedTuple):
 def reader_of(path: Path, content: bytes | None = None) -> str:
     """The module that reads a file: by its suffix, or for XML by its root element."""
     reader = READERS[path.suffix.lower()]
-    if reader not in _XML:
+    if reader not in (*_XML, "ambf"):
         return reader
     head = content
     if head is None:
@@ -78,11 +82,24 @@ def reader_of(path: Path, content: bytes | None = None) -> str:
                 head = file.read(_HEAD)
         except (OSError, ValueError):  # the reader reports it
             return reader
+    if reader == "ambf":
+        return _reader_of_yaml(path, head)
     root = next((match for match in _ROOT.finditer(head[:_HEAD]) if match[1]), None)
     found = ROOTS.get(root[1].decode(), reader) if root else reader
     if found in ("urdf", "sdf") and content is None and re.search(rb"<xacro:|\$\((find|arg|eval) ", head):
         return "xacro"
     return found
+
+
+def _reader_of_yaml(path, head) -> str:
+    """The module that reads a YAML file, by its keys; FormatError for those that are no scenes."""
+    found = _KEY.search(head)
+    if found is None:
+        raise FormatError(
+            "a YAML file is a scene if it has bodies of AMBF, directives of Drake, or links of Choreonoid. A loop file "
+            f"is read with its robot: load('robot.urdf', loops={path.name!r}), --loops {path.name}", path=path
+        )  # fmt: skip
+    return _KEYS[found[1]]
 
 
 def models() -> dict[str, str]:
@@ -133,7 +150,7 @@ def find(source: str | os.PathLike) -> Source:
         supported = (
             "URDF (.urdf, with a loop file .yaml next to it or passed as loops=), SDF (.sdf, .world), MJCF (.xml), "
             "xacro (.xacro), USD (.usd, .usda, .usdc, .usdz), Webots (.wbt, .proto), "
-            "Choreonoid (.body) and OpenHRP (.wrl)"
+            "Choreonoid (.body), OpenHRP (.wrl) and AMBF (.yaml)"
         )
         kind = path.suffix or "without suffix"
         supported += _OTHERS.get(kind.lower(), "")

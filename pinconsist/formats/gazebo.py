@@ -4,6 +4,7 @@
   frame of the joint, or in the model's frame with ``use_parent_model_frame``.
 * ``DetachableJoint``, a system of gz-sim: ``child_link`` is welded to ``parent_link`` where it is at the start. A child
   model that is not in the file cannot be attached, and is counted as without effect.
+* ``AttachLinks`` of gz_attach_links: the links ``parent`` and ``child`` are welded where they are at the start.
 * plugins of mimic joints: ``mimicJoint`` = multiplier · ``joint`` + offset.
 * the closed-loop plugin of pegasus_gazebo_plugins: a hinge about the y axis of a frame at ``position`` and ``rotation``
   in ``child``.
@@ -36,6 +37,8 @@ def _reader(plugin):
     words = f"{name} {plugin.get('filename', '')}".lower().replace("_", "").replace("-", "")
     if "detachablejoint" in words and plugin.find("child_model") is not None:
         return _detachable
+    if "attachlinks" in words and plugin.find("parent") is not None and plugin.find("child") is not None:
+        return _attached
     if "mimic" in words and plugin.find("mimicJoint") is not None and plugin.find("joint") is not None:
         return _mimic
     if "closedloop" in words and plugin.find("parent") is not None and plugin.find("child") is not None:
@@ -60,11 +63,17 @@ def _detachable(node, names, ignored):
     if not own:
         ignored.add(f"plugin DetachableJoint of the model {model[:40]!r}, which is not in the file")
         return
-    parent = names.link(word(node, "parent_link"), node.name)
-    child = names.link(child, node.name)
+    yield _welded(node, names.link(word(node, "parent_link"), node.name), names.link(child, node.name))
+
+
+def _attached(node, names, ignored):
+    yield _welded(node, *(names.link(word(node, tag), node.name) for tag in ("parent", "child")))
+
+
+def _welded(node, parent, child) -> Closure:
     if parent == child:
         raise node.error(f"parent and child are the same link {parent!r}")
-    yield Closure(f"{parent}-{child}", "frame", parent, child, pin.SE3.Identity())
+    return Closure(f"{parent}-{child}", "frame", parent, child, pin.SE3.Identity())
 
 
 def _mimic(node, names, ignored):

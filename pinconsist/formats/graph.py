@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ..errors import FormatError
+from ..errors import FormatError, warn
 from ..mechanism.checks import places
 from ..mechanism.joint_constraints import Coupling
 from ..mechanism.loops import GROUND, Loop, anchor
@@ -169,8 +169,26 @@ class JointGraph:
         self.branches = sorted(branches)
         used = {number for number, _, _ in branches}
         loose = [joint for number, joint in enumerate(self.joints) if number not in used]
+        loose = self._moving(loose, [self.joints[number] for number in used])
         self.copied = [joint for joint in loose if joint.name in whole]
         self.cut = [joint for joint in loose if joint.name not in whole]
+
+    def _moving(self, loose, branches) -> list[Joint]:
+        """The joints that close loops, without those between bodies that are fixed to each other."""
+        carrier = dict.fromkeys(self.held, WORLD)
+
+        def of(body):
+            while carrier.get(body, body) != body:
+                body = carrier[body]
+            return body
+
+        for joint in branches:
+            if joint.kind == "fixed" or not joint.axes:
+                carrier[of(joint.child)] = of(joint.parent)
+        for joint in loose:
+            if of(joint.parent) == of(joint.child):
+                warn(f"joint {joint.name!r} has no effect: {joint.parent!r} and {joint.child!r} do not move relatively")
+        return [joint for joint in loose if of(joint.parent) != of(joint.child)]
 
     def loops(self) -> list[Loop]:
         """The loops. Their anchors are the joint's frames on both bodies."""

@@ -29,11 +29,12 @@ _THEIR_KINDS = {
     "RigidConstraintModel of type CONTACT_3D": "point",
     "RigidConstraintModel of type CONTACT_6D": "frame",
 }
-_WITHOUT_SOLIDS = ("usd", "webots", "choreonoid")  # readers that leave collision shapes out
+_WITHOUT_SOLIDS = ("usd", "webots", "choreonoid", "ambf")  # readers that leave collision shapes out
 _FLOATS = {  # files that define what floats
     "mjcf": "MJCF files, which define what floats: give the body a <freejoint/>",
     "usd": "USD files, which define what floats: a body without joints to the ground",
     "webots": "Webots files, which define what floats: a Robot with Physics",
+    "ambf": "bodies of AMBF, which define what floats: those with a mass that no joint connects to one without",
     "choreonoid": "bodies of Choreonoid and OpenHRP, which define what floats: a root of type free",
 }
 _MUST_VANISH = ("offset", "velocity", "acceleration")  # desired values of a constraint or a contact
@@ -49,7 +50,7 @@ def load(
     ----------
     source : str, path-like, pin.Model or RobotWrapper
         A name of :func:`models`, with a number for ``<n>``; or a file: URDF, SDF (``.sdf``, ``.world``), MJCF
-        (``.xml``), xacro, USD, Webots (``.wbt``, ``.proto``), Choreonoid (``.body``), OpenHRP (``.wrl``); or a folder
+        (``.xml``), xacro, USD, Webots (``.wbt``, ``.proto``), Choreonoid (``.body``), OpenHRP (``.wrl``), AMBF (``.yaml``); or a folder
         that contains one ``.urdf``; or a model in memory; or a robot of the pip package example-robot-data:
         ``"cassie"``, ``"cassie_v2"``, ``"cassie_reduced"``, ``"cassie_simple"``, ``"cassie_wo_gearbox_spring"``.
     loops : path-like or sequence, optional

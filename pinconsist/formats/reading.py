@@ -21,7 +21,7 @@ DRAKE = "{http://drake.mit.edu}"  # the namespace of Drake's extensions
 LARGEST = 1e30  # of a scene's numbers, except limits: products of several of them still fit into a float
 MAX_XML_BYTES = 50_000_000
 _CLOSES = re.compile(
-    r"loop|clos(ed|ure|ing)|constraint|equality|bushing|weld|coupl|mimic|gearbox|spring_damper|detachable",
+    r"loop|clos(ed|ure|ing)|constraint|equality|bushing|weld|coupl|mimic|gearbox|spring_damper|detachable|attach_?links?",
     re.IGNORECASE,
 )
 _log = logging.getLogger(__name__)

@@ -54,8 +54,9 @@ def main():
 
     def checked(expression):
         for node in ast.walk(ast.parse(expression.strip(), mode="eval")):
-            names = [getattr(node, key, "") for key in ("id", "attr")]
-            if any(str(name).startswith("_") or str(name) in ("format", "format_map", "gi_frame") for name in names):
+            name, attribute = (str(getattr(node, key, "")) for key in ("id", "attr"))
+            hidden = name.startswith("__") or attribute.startswith("_")  # a property may be called _speed
+            if hidden or {name, attribute} & {"format", "format_map", "gi_frame"}:
                 raise xacro.XacroException(f"the name in {expression.strip()!r} is refused for safety")
             if isinstance(node, ast.BinOp) and isinstance(node.op, (ast.Pow, ast.LShift)):
                 right = getattr(node.right, "value", 0)

@@ -236,6 +236,33 @@ links:
 extraJoints:
   - {link1Name: b, link2Name: c, jointType: ball, link1LocalPos: [0, 0, 0.5], link2LocalPos: [0.1, 0, 1]}
 """
+AMBF = """bodies: [BODY base, BODY a, BODY b]
+joints: [JOINT j, JOINT k, JOINT tip]
+gravity: {x: 0, y: 0, z: -9.81}
+high resolution path: meshes/
+BODY base: {name: base, mass: 0.0}
+BODY a:
+  name: a
+  mass: 1.5
+  location: {position: {x: 0, y: 0, z: 1}, orientation: {r: 0.1, p: 0.2, y: 0.3}}
+  inertial offset: {position: {x: 0.5, y: 0, z: 0}, orientation: {r: 0, p: 0, y: 0}}
+  inertia: {ix: 0.1, iy: 0.2, iz: 0.2}
+BODY b:
+  name: b
+  mass: 1.0
+  mesh: b.stl
+  scale: 1.0
+  location: {position: {x: 1, y: 0, z: 1}, orientation: {r: 0, p: 0, y: 0}}
+  collision shape: Cylinder
+  collision geometry: {radius: 0.1, height: 0.5, axis: x}
+JOINT j: {name: j, parent: BODY base, child: BODY a, type: revolute, parent axis: {x: 0, y: 1, z: 0},
+  child axis: {x: 0, y: 1, z: 0.1}, parent pivot: {x: 0, y: 0, z: 1}, child pivot: {x: 0, y: 0, z: 0}, offset: 0.3,
+  joint limits: {low: -1, high: 1}, damping: 0.1}
+JOINT k: {name: k, parent: BODY a, child: BODY b, type: linear spring, parent axis: {x: 1, y: 0, z: 0},
+  child axis: {x: 1, y: 0, z: 0}, parent pivot: {x: 1, y: 0, z: 0}, child pivot: {x: 0, y: 0, z: 0}, stiffness: 20}
+JOINT tip: {name: tip, parent: BODY base, child: BODY b, type: p2p, parent pivot: {x: 1, y: 0, z: 1},
+  child pivot: {x: 0, y: 0, z: 0}, detached: true}
+"""
 WRL = """#VRML V2.0 utf8
 PROTO Joint [ exposedField SFVec3f translation 0 0 0 exposedField SFString jointType "" ] {
   Transform { translation IS translation } }

@@ -19,7 +19,7 @@ from ..reading import Node, floats, near, require_known, short_repr
 from .includes import VERSION
 
 WORLD = "world"
-OLDEST = (1, 4)
+OLDEST = (1, 2)  # 1.2 and 1.3 have the same poses, axes and inertias as 1.4
 FRAMES = (1, 7)  # the version from which names are unique and axes may be expressed in named frames
 DEEPEST = 30
 GRAVITY = (0.0, 0.0, -9.8)  # of a world without <gravity>, m/s²
@@ -32,11 +32,14 @@ _WORLD += ("magnetic_field", "wind", "spherical_coordinates", "audio", "road", "
 
 
 class SdfNode(Node):
-    """An element of SDF; its numbers, flags and names are the texts of its child elements."""
+    """An element of SDF; its numbers, flags and names are the texts of its child elements.
+
+    An empty text stands for the default, as in libsdformat.
+    """
 
     def values(self, tag: str, default: tuple[float, ...]) -> tuple[float, ...]:
         found = self.child(tag)
-        return floats(found.text(), len(default), found.name) if found else default
+        return floats(found.text(), len(default), found.name) if found.text() else default
 
     def value(self, tag: str, default: float = 0.0) -> float:
         return self.values(tag, (default,))[0]
@@ -45,7 +48,7 @@ class SdfNode(Node):
         """The number in a child, which may be infinite."""
         found = self.child(tag)
         try:
-            value = float(found.text()) if found else default
+            value = float(found.text()) if found.text() else default
         except ValueError:
             value = math.nan
         if math.isnan(value):
@@ -54,7 +57,7 @@ class SdfNode(Node):
 
     def flag(self, tag: str, default: bool = False) -> bool:
         found = self.child(tag)
-        return found.truth(found.text()) if found else default
+        return found.truth(found.text()) if found.text() else default
 
     def truth(self, text: str) -> bool:
         """A truth value of SDF: true, false, 1 or 0."""
@@ -96,7 +99,7 @@ class SdfNode(Node):
 
     def warn_unknown(self, known: tuple[str, ...]) -> None:
         """Warn of unknown children, which are probably misspelt; they have no effect."""
-        for tag in dict.fromkeys(child.tag for child in self.xml):
+        for tag in dict.fromkeys(child.tag for child in (() if self.xml is None else self.xml)):
             if tag not in known and "}" not in tag:  # extensions are counted
                 warn(f"{self.name}: the element <{tag}> is not known and has no effect{near(tag, known)}")
 
@@ -213,6 +216,8 @@ class Document:
         name = node.get("name")
         if not name.strip():
             raise FormatError(f"a {tag} has no name")
+        if tag == "joint" and name == WORLD and self.version_of(scope) < FRAMES:  # allowed before 1.7
+            name = f"{WORLD}_joint"
         if name in (WORLD, "universe") or (name.startswith("__") and name.endswith("__")):
             raise FormatError("the name is reserved; give it another", element=f"{tag} {name[:80]!r}")
         node.name = f"{tag} {self.short_in(scope, name)!r}"
@@ -299,5 +304,5 @@ def _version(raw) -> tuple[int, ...]:
     if not re.fullmatch(r"\d{1,4}\.\d{1,4}", text):
         raise FormatError(f"<sdf> needs a version such as 1.7, not {text[:20]!r}")
     if (version := tuple(map(int, text.split(".")))) < OLDEST:
-        raise FormatError(f"version {text} is too old: the oldest supported version is 1.4; `gz sdf -p` converts files")
+        raise FormatError(f"version {text} is too old: the oldest supported version is 1.2; `gz sdf -p` converts files")
     return version

@@ -81,7 +81,7 @@ class _Reader:
 
     def _axis(self, node, pose) -> Axis:
         if not node:
-            raise node.error("the element is missing")
+            warn(f"{node.name}: the element is missing, and the axis is z, the default of SDF")
         node.warn_unknown(_IN_AXIS)
         direction = np.array(node.values("xyz", (0.0, 0.0, 1.0)))
         if not direction.any():
