@@ -483,6 +483,24 @@ def test_properties_may_begin_with_an_underscore(robot):
     assert pc.load(path).loops == (HINGE,)
 
 
+@needs_xacro
+def test_includes_and_macros_of_a_missing_package_can_be_left_out(robot, tmp_path):
+    """A camera of another package: its include, then the call of its macro, each by the name that the message gives."""
+    camera = '<xacro:include filename="$(find camera_description)/urdf/camera.xacro"/><xacro:camera parent="crank"/>'
+    text = CRANK_ROCKER + SPOKEN["loop_joint"]
+    path = robot(text + camera, "probe.xacro", XACRO)
+    ignore = []
+    for name in ("camera_description", "xacro:camera"):
+        with pytest.raises(pc.FormatError, match=rf"ignore=\['{name}'\] leaves out"):
+            pc.load(path, ignore=ignore)
+        ignore.append(name)
+    assert pc.load(path, ignore=ignore).loops == (HINGE,)
+    part = tmp_path / "more.xacro"
+    part.write_text(f"<robot{XACRO}><xacro:include filename='lost.xacro'/></robot>")
+    path = robot(f"{text}<xacro:include filename='more.xacro'/>", "probe.xacro", XACRO)
+    assert pc.load(path, ignore=["lost.xacro"]).loops == (HINGE,)
+
+
 EVIL = {
     "a name of Python": "${__builtins__}",
     "an attribute": "${().__doc__}",

@@ -84,7 +84,8 @@ def test_xacro(tmp_path, rng):
     outcome(path)
 
 
-WORDS = {"scene.usda": USD, "scene.wbt": WEBOTS, "scene.proto": PROTO, "scene.wrl": WRL, "scene.body": BODY, "scene.yaml": AMBF}
+WORDS = {"scene.usda": USD, "scene.wbt": WEBOTS, "scene.proto": PROTO, "scene.wrl": WRL, "scene.body": BODY}
+WORDS |= {"scene.yaml": AMBF}
 
 
 @pytest.mark.parametrize("name", WORDS)

@@ -370,3 +370,44 @@ def test_what_refers_to_an_element_that_is_left_out_may_come_before_it(tmp_path)
     <worldbody><body><joint name="j"/><geom size="0.1"/></body></worldbody></mujoco>"""
     (tmp_path / "r.xml").write_text(text)
     assert pc.load(tmp_path / "r.xml", ignore=["t"]).joints == ("j",)
+
+
+def test_options_that_mujoco_no_longer_has(scene):
+    """Of old files, on contacts and solvers: counted, and without them the file is compiled."""
+    mech = scene('<option apirate="50" collision="predefined" timestep="0.01"/>' + world(body("a")))
+    assert mech.nv == 1
+    assert {"1 <apirate=> of option", "1 <collision=> of option"} <= {*mech.ignored}
+
+
+def test_a_fixed_joint_of_bullet_is_no_joint(scene):
+    """Its body is welded to that above it, as a body without joints is."""
+    bullet, plain = (
+        scene(world(body("a", "<joint name='j'/>", body("b", fixed)))) for fixed in ('<joint type="fixed"/>', "")
+    )
+    assert bullet.joints == plain.joints == ("j",)
+    np.testing.assert_allclose(bullet.model.inertias[1].inertia, plain.model.inertias[1].inertia, atol=1e-15)
+
+
+def test_frictionloss_of_a_free_joint_is_told(scene):
+    """A default of all joints reaches the free one in public files, where it would brake a body in the air."""
+    free = '<joint name="base" type="free"/>'
+    mech = scene('<default><joint frictionloss="0.1"/></default>' + world(body("a", free, body("b"))))
+    assert "1 free joint with frictionloss" in mech.ignored
+    np.testing.assert_array_equal(mech.model.upperDryFrictionLimit, [0.0] * 6 + [0.1])
+    assert "not modelled: 1 free joint with frictionloss" in pc.simulate(mech, (0.0, 0.01)).check(error=False).verdict
+
+
+PARTS = {
+    "include": "<mujocoinclude><geom size='1'/></mujocoinclude>",
+    "body": "<mujoco><body/></mujoco>",
+    "reference": "<mujoco><equality><weld body1='a'/></equality></mujoco>",
+}
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_a_part_of_other_files_names_them(tmp_path, part):
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "arm.xml").write_text(PARTS[part])
+    (tmp_path / "scene.xml").write_text('<mujoco><include file="parts/arm.xml"/></mujoco>')
+    with pytest.raises(pc.FormatError, match=r"; load \.\./scene\.xml, which includes it"):
+        pc.load(tmp_path / "parts" / "arm.xml")

@@ -89,8 +89,9 @@ def test_attached_links_of_a_model(sdf):
 
 def test_empty_elements_are_defaults(sdf):
     """As in libsdformat; exporters write them."""
-    limits = "<axis><xyz>0 1 0</xyz><limit><lower/><upper></upper><effort/></limit><dynamics><damping/></dynamics></axis>"
-    mech = pc.load(sdf(link("a", inside="<gravity/>") + joint("j", "world", "a", inside=limits)))
+    limits = "<limit><lower/><upper></upper><effort/></limit><dynamics><damping/></dynamics>"
+    axis = f"<axis><xyz>0 1 0</xyz>{limits}</axis>"
+    mech = pc.load(sdf(link("a", inside="<gravity/>") + joint("j", "world", "a", inside=axis)))
     assert np.isinf(mech.model.upperPositionLimit).all() and np.isinf(mech.model.upperEffortLimit).all()
 
 
@@ -99,7 +100,8 @@ def test_a_missing_axis_is_the_default_of_sdf(sdf, recwarn):
     assert "joint 'j': axis: the element is missing, and the axis is z" in told(recwarn)
     data = mech.model.createData()
     pin.computeJointJacobians(mech.model, data, pin.neutral(mech.model))
-    np.testing.assert_allclose(pin.getJointJacobian(mech.model, data, 1, pin.WORLD).ravel(), [0, 0, 0, 0, 0, 1], atol=1e-12)
+    column = pin.getJointJacobian(mech.model, data, 1, pin.WORLD).ravel()
+    np.testing.assert_allclose(column, [0, 0, 0, 0, 0, 1], atol=1e-12)
 
 
 @pytest.mark.parametrize("version", ["1.2", "1.3"])
@@ -456,8 +458,8 @@ def test_layers_are_composed_from_the_folder_only(usd, tmp_path):
         with pytest.raises(pc.FormatError, match=r"outside the folder of the scene.*package_dirs="):
             pc.load(path)
         assert pc.load(path, package_dirs=[tmp_path]).joints == ("j",)
-    for place, told in (("http://x.org/a.usd", "nothing is downloaded"), ("./none.usda", "there is no such file")):
-        with pytest.raises(pc.FormatError, match=told):
+    for place, said in (("http://x.org/a.usd", "nothing is downloaded"), ("./none.usda", "there is no such file")):
+        with pytest.raises(pc.FormatError, match=said):
             pc.load(usd(f'def "a" (prepend references = @{place}@) {{\n}}\n', name="scene/main.usda"))
 
 

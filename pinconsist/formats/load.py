@@ -50,9 +50,10 @@ def load(
     ----------
     source : str, path-like, pin.Model or RobotWrapper
         A name of :func:`models`, with a number for ``<n>``; or a file: URDF, SDF (``.sdf``, ``.world``), MJCF
-        (``.xml``), xacro, USD, Webots (``.wbt``, ``.proto``), Choreonoid (``.body``), OpenHRP (``.wrl``), AMBF (``.yaml``); or a folder
-        that contains one ``.urdf``; or a model in memory; or a robot of the pip package example-robot-data:
-        ``"cassie"``, ``"cassie_v2"``, ``"cassie_reduced"``, ``"cassie_simple"``, ``"cassie_wo_gearbox_spring"``.
+        (``.xml``), xacro, USD, Webots (``.wbt``, ``.proto``), Choreonoid (``.body``), OpenHRP (``.wrl``), AMBF
+        (``.yaml``); or a folder that contains one ``.urdf``; or a model in memory; or a robot of the pip package
+        example-robot-data: ``"cassie"``, ``"cassie_v2"``, ``"cassie_reduced"``, ``"cassie_simple"``,
+        ``"cassie_wo_gearbox_spring"``.
     loops : path-like or sequence, optional
         The loop file. Default: ``<stem>.yaml`` or ``.yml`` beside the URDF, else ``robot.yaml`` or ``.yml`` there, else
         ``loop_closures.yaml`` or ``robot_data.yaml`` there or in the folder above ``urdf/``, else

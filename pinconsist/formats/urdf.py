@@ -51,6 +51,8 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), joint_t
     content = read_bytes(path) if content is None else content
     raw = without_namespace(parsed(content))
     left_out(_holders(raw), ignore)
+    if "mimic" in ignore:
+        left_out((("", joint) for joint in raw.iter("joint")), ["mimic"])
     refuse_foreign(raw, content)
     types = joints_in_urdf(raw) | dict(joint_types or {})
     true_loops = cut_loops(raw)

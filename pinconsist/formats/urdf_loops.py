@@ -73,7 +73,7 @@ from ..mechanism.loops import Loop, anchor
 from . import drake, gazebo
 from .closures import WITH_AXIS, Closure, kind_of
 from .extensions import LOOP_TAGS, Names, pose, warn_without_effect, word
-from .reading import DRAKE, Node, closing, finite, floats, located, refuse, require_known, short_repr
+from .reading import DRAKE, Node, closing, finite, floats, located, near, refuse, short_repr
 
 _OWN = (*LOOP_TAGS, "link", "joint", "coupling", "material", "transmission", "gazebo", "mujoco", *drake.TAGS)
 _ENDS = (
@@ -330,7 +330,11 @@ def couplings(robot: Element) -> tuple[Coupling, ...]:
             if len(nodes) > 1:
                 raise node.error("a joint can follow only one other joint")
             other = node.get("joint")
-            require_known(other, kinds, f"there is no joint {other!r} to follow", node.name)
+            if other not in kinds:
+                meant = near(other, kinds)
+                raise node.error(
+                    f"there is no joint {other!r} to follow{meant}; ignore=['mimic'] loads it without them"
+                )
             for each, what in ((name, "follow another joint"), (other, "be followed")):
                 if (kind := kinds[each]) not in _CAN_FOLLOW:
                     only = f"only {', '.join(_CAN_FOLLOW)} joints can"

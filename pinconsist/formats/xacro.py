@@ -2,7 +2,8 @@
 
 The result is read as what it is, URDF or SDF. ``$(find NAME)`` is the folder of the ROS package NAME: one that holds
 the file, that lies beside such a package, or one of ``package_dirs``. Includes are read from these packages, and
-from the folder of the file. Arguments of the file come from ``load(..., args={...})``.
+from the folder of the file. Arguments of the file come from ``load(..., args={...})``. ``ignore`` leaves out includes,
+by the name of their package or file, and calls of macros, ``xacro:NAME``.
 """
 
 import hashlib
@@ -24,9 +25,9 @@ MOST_PACKAGES = 200
 _NAME = re.compile(rb"<name>\s*([\w.-]+)\s*</name>")
 
 
-def read(path: Path, name: str, folders, *, args=None, **options) -> RobotFile:
+def read(path: Path, name: str, folders, *, args=None, ignore=(), **options) -> RobotFile:
     """Read a xacro file; `args` are its arguments, name → value."""
-    content = expanded(path, args or {}, [Path(folder) for folder in folders])
+    content = expanded(path, args or {}, [Path(folder) for folder in folders], ignore)
     document = parsed(content)
     root = document.tag.rpartition("}")[2]
     if root not in ("robot", "sdf"):
@@ -35,11 +36,11 @@ def read(path: Path, name: str, folders, *, args=None, **options) -> RobotFile:
         raise FormatError(_without_links(path))
     if root == "sdf":
         options.pop("joint_types", None)
-    options["content"] = content
+    options |= {"content": content, "ignore": ignore}
     return import_module(f".{'urdf' if root == 'robot' else 'sdf'}", __package__).read(path, name, folders, **options)
 
 
-def expanded(path: Path, args: dict, folders) -> bytes:
+def expanded(path: Path, args: dict, folders, ignore=()) -> bytes:
     """The text to which a xacro file expands; FormatError with xacro's message."""
     read_bytes(path)
     if find_spec("xacro") is None:
@@ -51,6 +52,7 @@ def expanded(path: Path, args: dict, folders) -> bytes:
         "path": str(path.resolve()),
         "args": {key: _argument(value) for key, value in args.items()},
         "folders": [str(folder) for folder in allowed],
+        "ignore": list(ignore),
         "packages": {key: str(folder) for key, folder in packages.items()},
     }
     script = Path(__file__).with_name("xacro_process.py")
@@ -135,8 +137,10 @@ def _reason(answer, folder) -> str:
     if missing and "package not found" in error:
         return (
             f"$(find {missing[0]}) names a ROS package that does not hold the file and is not beside it; pass its "
-            f'folder: package_dirs=["…/{missing[0]}"]'
+            f'folder: package_dirs=["…/{missing[0]}"]; or ignore=[{missing[0]!r}] leaves out what is included from it'
         )
+    if unknown := re.search(r"unknown macro name: (xacro:[\w.-]+)", error):
+        return f"xacro: {error[:400]}; ignore=[{unknown[1]!r}] leaves out its calls"
     refused = answer.get("kind") == "PermissionError" or "outside" in error
     if refused and answer.get("outside"):
         found = answer["outside"]

@@ -2,12 +2,14 @@
 
 Xacro evaluates Python expressions of the file. Therefore it runs in a process of its own, which may open files in the
 given folders only, has neither network nor children, no environment, and limits of time and memory. Python's audit
-events are the gate; names with leading underscores, which could reach around it, are refused before.
+events are the gate; attributes with a leading underscore, and names with two, which could reach around it, are refused
+before.
 """
 
 import ast
 import json
 import os
+import re
 import sys
 from functools import partial
 
@@ -51,6 +53,24 @@ def main():
         return packages[package]
 
     evaluate, safe_eval = substitution._eval, xacro.safe_eval
+
+    parse, leaving = xacro.parse, set(request["ignore"])
+
+    def parsed(*given):
+        document = parse(*given)
+        for element in list(document.getElementsByTagName("*")) if leaving else ():
+            if _names(element) & leaving and element.parentNode is not None:
+                element.parentNode.removeChild(element)
+        return document
+
+    located, folders = xacro.abs_filename_spec, request["folders"]
+
+    def found(name):
+        """The file beside the one that includes it, else in one of the folders, in which some programs run xacro."""
+        places = [located(name), *(os.path.join(folder, name) for folder in folders)]
+        return next((place for place in places if os.path.isfile(place)), places[0])
+
+    xacro.parse, xacro.abs_filename_spec = parsed, found
 
     def checked(expression):
         for node in ast.walk(ast.parse(expression.strip(), mode="eval")):
@@ -103,6 +123,14 @@ def main():
         answer["kind"] = type(error).__name__
     answer["missing"] = sorted(missing)
     sys.stdout.write(json.dumps(answer))
+
+
+def _names(element) -> set[str]:
+    """The names by which an include or a call of a macro can be left out."""
+    if element.tagName != "xacro:include":
+        return {element.tagName} if element.tagName.startswith("xacro:") else set()
+    file = element.getAttribute("filename")
+    return {os.path.basename(file), *re.findall(r"\$\(find\s+([\w.-]+)\s*\)", file)}
 
 
 def _chain(error):

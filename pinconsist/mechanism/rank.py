@@ -128,8 +128,10 @@ def _look_for_singularity(system, q) -> None:
 def without_inertia(mechanism, motions, why) -> SingularSystemError:
     """The error for motions without inertia, columns (nv, k); `why` is appended to the message."""
     names = joints_in(mechanism, motions)
+    which = f"{{{names[0]!r}: 1e-6}}" if len(names) == 1 else "dict.fromkeys(error.names, 1e-6)"
     return SingularSystemError(
         f"{mechanism.name}: joints {', '.join(names)} can move without any inertia{why}. Give the massless links an "
-        f"inertia, or add rotor inertia, mechanism.with_armature({{{names[0]!r}: 1e-6}})",
+        f"inertia, or add rotor inertia, mechanism.with_armature({which}), or in a loop file: "
+        f"joints: {{{names[0]}: {{armature: 1e-6}}{', …' * (len(names) > 1)}}}",
         names=names,
     )

@@ -22,9 +22,8 @@ from .impact_errors import ImpactErrors, impact_errors, impact_errors_of
 
 OPEN_LOOP = 1e-8  # m or rad, and m/s or rad/s: a loop with a larger gap is open
 UNCLEAR = 0.1 * OFF  # an energy balance that is off by more may be so because rows are few
-CONTACT = re.compile(
-    "floor|contact pair|colliding|static collision"
-)  # of what is not modelled: bodies would fall through
+CONTACT = re.compile("floor|contact pair|colliding|static collision|frictionloss")
+"""What is not modelled and changes the motion: bodies would fall through."""
 FEW = 4.0  # times the uncertainty of the work: an energy balance that is not off by more shows nothing
 ROUNDED = 1e-6  # of the largest multiplier: smaller ones may be the error of the run
 SHOWN = 4  # joints outside of their limits

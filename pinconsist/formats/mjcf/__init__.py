@@ -144,10 +144,13 @@ def _shapes(m, g, meshes):
 
 MOST_FILES = 200
 MOST_ELEMENTS = 100_000  # with all copies
+_MOST_USERS = 3  # named in a message
 MOST_NESTED = 10  # files, each included by the one before
 _LEFT_OUT = {"size", "custom", "deformable", "texture", "skin", "layer"}
 _IGNORED = "fusestatic discardvisual strippath meshdir texturedir assetdir fuse texture content_type".split()
 """Elements and attributes to remove: they have no effect here, but name files, take memory or hide shapes."""
+_FORMER = "apirate collision mpr_iterations mpr_tolerance exactmeshinertia".split()
+"""Attributes of earlier versions of MuJoCo, of rendering, contacts and solvers, which later ones refuse."""
 _STRUCTURE = "compiler option size default worldbody body joint freejoint inertial include attach model asset".split()
 _REFERENCES = "joint joint1 joint2 tendon tendon1 tendon2 actuator site site1 site2 flex objname".split()
 _COUNTS = {"replicate": "count", "composite": "count", "mesh": "params"}
@@ -186,8 +189,10 @@ class Source:
         root, file = _parsed(path), Path(os.path.abspath(path))
         if root.tag != "mujoco":
             hint = "; a URDF needs the ending .urdf" if root.tag == "robot" else ""
-            raise FormatError(f"the root element of an MJCF file is <mujoco>, this is <{root.tag}>{hint}", path=path)
-        self._files[root] = path
+            raise FormatError(
+                f"the root element of an MJCF file is <mujoco>, this is <{root.tag}>{hint}{_users(path)}", path=path
+            )  # fmt: skip
+        self._files[root], self._main = path, file
         self._add(_MAIN, root, (file,))
 
     def _add(self, name, root, files) -> float:
@@ -197,8 +202,9 @@ class Source:
         """
         self._include(root, files)
         if root.find("body") is not None:  # MuJoCo ignores it silently
-            raise FormatError("<body> belongs in <worldbody>", path=self._files[root])
+            raise FormatError(f"<body> belongs in <worldbody>{_users(files[0])}", path=self._files[root])
         count_unknown(root, _schema(), self.ignored)
+        _as_today(root)
         keys = root.findall("keyframe/key") if name == _MAIN else []
         keys = [key for key in keys if "qpos" in key.attrib] or [key for key in keys if "ctrl" in key.attrib]
         for section in root.findall("keyframe"):
@@ -336,7 +342,11 @@ class Source:
             message, _, where = re.sub("(XML )?Error: |Schema violation: ", "", str(error)).partition("\nElement")
             line = re.search(r"line (\d+)", where)
             file, element = self._place(lines[int(line[1]) - 1]) if line else ("", "")
-            raise FormatError(" ".join(message.split()), path=file, element=element) from error
+            advice = _users(self._main)
+            if not advice and message.startswith("unrecognized"):
+                version = mujoco.__version__
+                advice = f"; MuJoCo {version} does not read it: an older one may, and its mj_saveLastXML writes it anew"
+            raise FormatError(" ".join(message.split()) + advice, path=file, element=element) from error
         finally:
             mujoco.set_mju_user_warning(before)
 
@@ -389,12 +399,40 @@ def _schema() -> dict[str, Known]:
     return {tag: Known(attributes, inside | {"include"}) for tag, (attributes, inside) in found.items()}
 
 
+def _as_today(root) -> None:
+    """Remove what MuJoCo no longer has, or never had: former options, and joints of Bullet that are fixed."""
+    for node in root.iter():
+        if node.tag in ("option", "compiler"):
+            known = _schema().get(node.tag, Known()).attributes
+            node.attrib = {key: each for key, each in node.attrib.items() if key in known or key not in _FORMER}
+        for joint in [each for each in node.findall("joint") if node.tag == "body" and each.get("type") == "fixed"]:
+            node.remove(joint)
+
+
 def _copies(node, models) -> float:
     """How many copies of an element MuJoCo makes; for a generated mesh, about the number of its vertices."""
     numbers = [max(1.0, finite(word) or 1.0) for word in node.get(_COUNTS.get(node.tag, ""), "").split()]
     if node.tag == "mesh":
         return max(numbers, default=1.0) ** 2  # the vertices form a grid
     return models.get(node.get("model"), 1.0) if node.tag == "attach" else prod(numbers)
+
+
+def _users(path) -> str:
+    """The end of a message about a file that is a part of others: which of them include it."""
+    found = []
+    for folder in (path.parent, path.parent.parent):
+        for other in sorted(folder.glob("*.xml"))[:MOST_FILES]:
+            if other != path and len(found) < _MOST_USERS and _includes(other, path):
+                found.append(str(other.relative_to(path.parent)) if folder == path.parent else f"../{other.name}")
+    return f"; load {' or '.join(found)}, which includes it" if found else ""
+
+
+def _includes(other, path) -> bool:
+    try:
+        named = re.findall(r"<include\s[^>]*?file\s*=\s*[\"']([^\"']+)", other.read_text(errors="replace"))
+    except OSError:
+        return False
+    return any(os.path.normpath(other.parent / name) == os.path.normpath(path) for name in named)
 
 
 def _parsed(path):

@@ -7,6 +7,7 @@ from ..ignored import LIMITS, Ignored
 from .model import pose
 
 _PLANE, _HFIELD = 0, 1
+_FREE = 0  # a kind of joint
 _KINDS = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}
 
 
@@ -57,6 +58,9 @@ def counted(m, off) -> Ignored:
     if "limit" not in off:
         ignored.add(LIMITS, int(np.count_nonzero(m.jnt_limited)))
         ignored.add("limited tendon", int(np.count_nonzero(m.tendon_limited)))
+    if "frictionloss" not in off:
+        rubs = m.dof_frictionloss[m.jnt_dofadr] * (m.jnt_type == _FREE)
+        ignored.add("free joint with frictionloss", int(np.count_nonzero(rubs)))
     ignored.add("plugin", m.nplugin)
     return ignored
 

@@ -114,7 +114,7 @@ class Tree:
             made = getattr(pin, f"JointModel{letter}{along}")() if along else general(axis)
         joint = model.addJoint(parent, made, before, self.joints[j])
         q, v = places(model, joint)
-        friction = m.dof_frictionloss[v] * (not {"frictionloss", "constraint"} & self.off)
+        friction = m.dof_frictionloss[v] * (kind != _FREE and not {"frictionloss", "constraint"} & self.off)
         model.armature[v], model.damping[v] = m.dof_armature[v], m.dof_damping[v] * ("damper" not in self.off)
         if kind == _FREE and m.dof_armature[v].any():  # along the world's axes: a mass without weight at the origin
             mass = float(m.dof_armature[v][0])
@@ -418,9 +418,7 @@ def _check(m) -> None:
     for key in _ZERO:
         _refuse(m, key, getattr(m, key, np.zeros(0)) != 0, "not supported")
     _refuse(m, "body_plugin", m.body_plugin >= 0, "not supported")
-    free = m.jnt_type[m.dof_jntid] == _FREE
     _refuse(m, "jnt_actgravcomp", m.jnt_actgravcomp & m.jnt_actfrclimited, "not supported with an actuatorfrcrange")
-    _refuse(m, "dof_frictionloss", free & (m.dof_frictionloss != 0), "not supported for a free joint")
     if m.nv == 0:
         raise FormatError("nothing can move: no body has a joint")
 
