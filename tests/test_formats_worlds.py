@@ -87,9 +87,9 @@ def test_attached_links_of_a_model(sdf):
         pc.load(sdf(text + plugin.replace("rocker", "helper")))
 
 
-def test_empty_elements_are_defaults(sdf):
+def test_empty_limits_are_defaults(sdf):
     """As in libsdformat; exporters write them."""
-    limits = "<limit><lower/><upper></upper><effort/></limit><dynamics><damping/></dynamics>"
+    limits = "<limit><lower/><upper></upper><effort/></limit>"
     axis = f"<axis><xyz>0 1 0</xyz>{limits}</axis>"
     mech = pc.load(sdf(link("a", inside="<gravity/>") + joint("j", "world", "a", inside=axis)))
     assert np.isinf(mech.model.upperPositionLimit).all() and np.isinf(mech.model.upperEffortLimit).all()

@@ -34,12 +34,12 @@ _WORLD += ("magnetic_field", "wind", "spherical_coordinates", "audio", "road", "
 class SdfNode(Node):
     """An element of SDF; its numbers, flags and names are the texts of its child elements.
 
-    An empty text stands for the default, as in libsdformat.
+    An empty limit or flag stands for its default, as in libsdformat; other numbers must not be empty.
     """
 
     def values(self, tag: str, default: tuple[float, ...]) -> tuple[float, ...]:
         found = self.child(tag)
-        return floats(found.text(), len(default), found.name) if found.text() else default
+        return floats(found.text(), len(default), found.name) if found else default
 
     def value(self, tag: str, default: float = 0.0) -> float:
         return self.values(tag, (default,))[0]
