@@ -1,6 +1,7 @@
 """Equations in C++: of a mechanism, or callbacks into any other system."""
 
 from . import required
+from .tree import with_other_bodies as with_other_bodies
 from .tree import workspace
 
 

@@ -20,7 +20,10 @@ UNALIGNED = {
     "JointModelHelicalUnaligned": "helical",
 }
 
-_trees: dict = {}  # by identity: Pinocchio compares all numbers, and data with a NaN are not equal to themselves
+# By identity: Pinocchio compares all numbers, and data with a NaN are not equal to themselves.
+_branches: dict = {}
+_copies: dict = {}  # model → one that differs from it in the bodies of some joints, and these
+_trees: dict = {}
 _workspaces: dict = {}
 
 
@@ -41,20 +44,37 @@ def _kept(kept: dict, key, build):
 
 def tree(module, model):
     """A new compiled tree of a model."""
-    branches = []
-    for i in range(1, model.njoints):
-        inertia = model.inertias[i]
-        branches.append(
-            module.Branch(
-                joint=_joint(module, model.joints[i].extract()),
-                parent=int(model.parents[i]),
-                placement=model.jointPlacements[i].homogeneous,
-                mass=inertia.mass,
-                centre=inertia.lever,
-                inertia=inertia.inertia,
-            )
-        )
+    branches = [branch for _, branch in _branches_of(module, model)]
     return module.Tree(branches, model.armature, model.gravity.linear)
+
+
+def with_other_bodies(model, before, joints) -> None:
+    """Let it be known that a model is a copy of the model `before`, whose tree has other bodies at some joints."""
+    before, others = _copies[id(before)][0] if id(before) in _copies else (before, ())
+    _kept(_copies, model, lambda: (before, (*others, *joints)))
+
+
+def _branches_of(module, model) -> list:
+    """The joints of a model, alone and with their bodies; of copies only other bodies are read."""
+    if id(model) not in _copies:
+        return _kept(_branches, model, lambda: [_joint_and_branch(module, model, i) for i in range(1, model.njoints)])
+    before, changed = _copies[id(model)][0]
+    branches = list(_branches_of(module, before))
+    for i in changed:
+        joint = branches[i - 1][0]
+        branches[i - 1] = joint, _branch(module, model, i, joint)
+    return branches
+
+
+def _joint_and_branch(module, model, i):
+    joint = _joint(module, model.joints[i].extract())
+    return joint, _branch(module, model, i, joint)
+
+
+def _branch(module, model, i, joint):
+    inertia = model.inertias[i]
+    placement = model.jointPlacements[i].homogeneous
+    return module.Branch(joint, int(model.parents[i]), placement, inertia.mass, inertia.lever, inertia.inertia)
 
 
 def _joint(module, joint):

@@ -322,14 +322,13 @@ def velocity_on_constraints(solver: LoopSolver, q, v=None, kept=None, before=Non
     target = np.concatenate((-solver.loop_rows.time_rate(t, q)[kept], start[held]))
     if not (start.any() or target.any()):
         return start
-    M = solver.mass_matrix(q)
     U, sizes, Vt = np.linalg.svd(E)
     rank = int((sizes > 1e-12 * sizes.max(initial=0.0)).sum())
     result, Z = Vt[:rank].T @ ((U.T @ target)[:rank] / sizes[:rank]), Vt[rank:].T
-    # With least kinetic energy, or least distance from a velocity
-    nearest = before if before is not None else 0.0 if held.any() else start
-    ahead = nearest - result
-    result = result + Z @ np.linalg.lstsq(Z.T @ M @ Z, Z.T @ (M @ ahead), rcond=1e-13)[0]
+    if Z.size:  # with least kinetic energy, or least distance from a velocity
+        M = solver.mass_matrix(q)
+        nearest = before if before is not None else 0.0 if held.any() else start
+        result = result + Z @ np.linalg.lstsq(Z.T @ M @ Z, Z.T @ (M @ (nearest - result)), rcond=1e-13)[0]
     miss = np.abs(E @ result - target)
     if miss.max(initial=0.0) > 1e-8 * (1.0 + np.abs(target).max(initial=0.0)):
         names, advice = ", ".join(v) if isinstance(v, Mapping) else "", "name fewer joints"

@@ -27,6 +27,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import pinocchio as pin
 
+from ..engine.systems import with_other_bodies
 from ..errors import InputError
 from .checks import near, number
 from .forces import HeldTorque, JointDamping, JointFriction, bound_forces, model_forces
@@ -152,6 +153,7 @@ def _of_gravity(mechanism, name) -> Parameter:
     def put(mechanism, value):
         model = mechanism.model.copy()
         model.gravity.linear = changed(mechanism, value)
+        with_other_bodies(model, mechanism.model, [])
         return _changed(mechanism, model=model)
 
     def part(value):
@@ -190,6 +192,7 @@ def _of_body(mechanism, name, kind, whose) -> Parameter:
             raise InputError(f"{name} cannot be {value:g}: {error}") from error
         if model.inertias[joint].mass < 0.0:
             raise InputError(f"the body at joint {model.names[joint]!r} has negative mass {value:g} kg")
+        with_other_bodies(model, mechanism.model, [joint])
         return _changed(mechanism, model=model)
 
     def part(value):
@@ -229,6 +232,7 @@ def _of_tree(mechanism, name, kind, whose) -> Parameter:
         def put_coefficient(mechanism, value):
             model = mechanism.model.copy()
             getattr(model, kind)[columns] = number(value, name, least=0.0)
+            with_other_bodies(model, mechanism.model, [])
             other = _changed(mechanism, model=model)
             _PLACES.pop(other, None)  # the model may have one more force, or one less
             return other
