@@ -202,7 +202,7 @@ def of_state(varied, t, q, v, a, lam, still=True):
         return r, phi, J @ v + system.rows.time_rate(t, q), J @ a + bias(system, t, q, v)
 
     def beside(mechanism, _):
-        return np.concatenate(residuals(MechanismSystem(mechanism, q, t, kept=system.kept)))
+        return np.concatenate(residuals(MechanismSystem(mechanism, q, t, like=system)))
 
     rates = np.array([varied.rate(i, beside) for i in range(len(varied.names))])
     r, phi, rho, gamma = np.split(rates.T, np.cumsum([nv, system.rows.nc, system.rows.nc]))
@@ -237,7 +237,7 @@ def _of_redundant(varied, system, space, t, q, lam, dq):
     J, z = space.J, np.linalg.lstsq(space.J, lam, rcond=1e-10)[0]
 
     def turned(mechanism, _):
-        return MechanismSystem(mechanism, q, t, kept=system.kept).loop_rows(q, t)[1] @ z
+        return MechanismSystem(mechanism, q, t, like=system).loop_rows(q, t)[1] @ z
 
     change = along_places(lambda x: system.loop_rows(x, t)[1] @ z, system, q, np.eye(system.nv)) @ dq
     change = change + np.column_stack([varied.rate(i, turned) for i in range(len(varied.names))])

@@ -71,7 +71,7 @@ def refuse_moving_jumps(variants, system, t, reached, t_end, q, v) -> None:
     for variant in variants.moved.values() if ends or jumps else ():
         if not variant.inert:
             sides, _, near = variant.beside
-            varied = MechanismSystem(sides[max(near)].mechanism, q, system.chosen_at, kept=system.kept)
+            varied = MechanismSystem(sides[max(near)].mechanism, q, system.chosen_at, like=system)
             varied.breakpoints.look_ahead(t, t_end, q, v)
             _refuse_moved(variant.name, variant.step, ends, varied.breakpoints.ends)
             for each in varied.changing:

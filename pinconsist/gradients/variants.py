@@ -18,8 +18,10 @@ from ..errors import InputError, PinconsistError
 from ..mechanism.assembly import assembled, velocity_on_constraints
 from ..mechanism.breakpoints import Breakpoints
 from ..mechanism.closing import LoopSolver
+from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.motion import difference_step
+from ..mechanism.parameters import records_of
 from ..mechanism.system import MechanismSystem
 from ..run.known import SIDES, Known, parts_of
 from ..run.propagator import all_rows
@@ -107,8 +109,7 @@ class Side:
         key = like.kept.tobytes()
         if key not in self._systems:
             q = self.mechanism.guess
-            system = MechanismSystem(self.mechanism, q, like.chosen_at, kept=like.kept)
-            system.dropped_are_zero = like.dropped_are_zero
+            system = MechanismSystem(self.mechanism, q, like.chosen_at, like=like)
             system.differentiate_forces()
             self.of_run.put(system)
             self._systems[key] = Index1(system)
@@ -258,11 +259,21 @@ def variants_of(make, theta, names, steps, base: Side, system, t, p, v, paramete
     parts = [(i, parts_of(each, of_base, chosen[i])) for i, each in parameters]
     known = [(i, each) for i, each in parts if each]
     moved = {}
+    smooth = {i for i, each in parameters if _is_of_loop(each, base.mechanism)}
     of_known = {column for i, _ in known for column in np.atleast_1d(i).tolist()}
     for i in sorted(set(range(len(names))) - of_known):
+        if i in smooth:
+            moved[i] = beside(i, chosen[i])
+            continue
         moved[i] = _smooth(partial(beside, i), chosen[i], 1 if given[i] else MOST_TRIES, system, t, p, v)
         chosen[i] = moved[i].step
     return Variants(names, chosen, base, moved, known, lambda i, own: beside(i, wide[i], own))
+
+
+def _is_of_loop(parameter, mechanism) -> bool:
+    """Whether a parameter is a number of a loop between anchors: its rows depend smoothly on it."""
+    kind, *where = parameter.place or ("",)
+    return kind == "loops" and isinstance(records_of(mechanism)[where[0]][-1], Loop)
 
 
 def _smooth(beside, step, tries, system, t, p, v) -> Variant:

@@ -23,12 +23,15 @@ def put(record, **values) -> None:
 
 def number(value, what: str, least: float = -inf, above: float = -inf) -> float:
     """A finite float from user input, at least `least` and greater than `above`; else InputError."""
-    try:
-        if isinstance(value, str | bytes | bool | np.bool_) or _ndim(value):
-            raise TypeError
-        result = float(value)
-    except (TypeError, ValueError):
-        raise InputError(f"{what} must be a number, got {value!r}") from None
+    if type(value) is float:  # as in loops of controllers
+        result = value
+    else:
+        try:
+            if isinstance(value, str | bytes | bool | np.bool_) or _ndim(value):
+                raise TypeError
+            result = float(value)
+        except (TypeError, ValueError):
+            raise InputError(f"{what} must be a number, got {value!r}") from None
     if not isfinite(result):
         raise InputError(f"{what} has a number that is not finite: {value!r}")
     if result < least or result <= above:

@@ -35,25 +35,28 @@ class MechanismSystem(Index3System):
     """The equations M v' + nle = τ + Jᵀλ, Φ(q) = 0 of a mechanism.
 
     ``kept`` has the indices of the rows in use; they are chosen at the closed configuration `q` and the time `t`,
-    ``chosen_at``, unless they are given as `kept`. ``dropped_are_zero`` is True if the others vanish everywhere, as
-    out-of-plane rows do. The rows and the workspace of a `solver` that has assembled the mechanism at time `t` are
-    reused.
+    ``chosen_at``, or they are those of another system, `like`, of a mechanism with other numbers. ``dropped_are_zero``
+    is True if the others vanish everywhere, as out-of-plane rows do. The rows and the workspace of a `solver` that has
+    assembled the mechanism at time `t` are reused.
     """
 
-    def __init__(self, mechanism: Mechanism, q, t: float = 0.0, solver: LoopSolver | None = None, kept=None):
+    def __init__(self, mechanism: Mechanism, q, t: float = 0.0, solver: LoopSolver | None = None, like=None):
         self.mechanism, self.model, self.chosen_at = mechanism, mechanism.model, t
         solver = solver or LoopSolver(mechanism, t)
         self.workspace, self.rows = solver.workspace, solver.loop_rows
         self.vector_like = self.model.nq == self.model.nv  # otherwise some joint is in SO(2), SO(3), SE(2) or SE(3)
         self.npos, self.nx, self.nv = self.model.nq, self.model.nv, self.model.nv
-        ranking = solver.ranking(q)
-        self.kept, self.scales = ranking.kept if kept is None else kept, ranking.scales
+        chosen = like or solver.ranking(q)
+        self.kept, self.scales = chosen.kept, chosen.scales
         self.nc = len(self.kept)
         self.kept_rows = KeptRows(self.model, self.rows, self.kept)
         self.difference_step = self.kept_rows.difference_step
         self._kept_rows = self.kept_rows.evaluate
-        dropped = sorted(set(range(self.rows.nc)).difference(self.kept.tolist()))
-        self.dropped_are_zero = not dropped or self._zero_everywhere(tuple(dropped), q)
+        if like is None:
+            dropped = sorted(set(range(self.rows.nc)).difference(self.kept.tolist()))
+            self.dropped_are_zero = not dropped or self._zero_everywhere(tuple(dropped), q)
+        else:
+            self.dropped_are_zero = like.dropped_are_zero
         forces = bound_forces(self.model, mechanism.forces)
         breakpoints = self.rows.breakpoints if self.rows.moving else Breakpoints()
         breakpoints.add(forces.values())

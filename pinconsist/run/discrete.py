@@ -271,25 +271,31 @@ class Discrete:
     def basis(self, t, q, v):
         """The coordinates, motors first as far as they are independent, and (2 nv, 2 d): all states by theirs.
 
-        The velocities of the others depend on the coordinates as well: J v + Φ_t = 0 holds where these change. Its
-        change, ∂ρ/∂q z, is the symmetric part of the second derivative of Φ, as in J̇ v, and half a Lie bracket.
+        The velocities of the others depend on the coordinates as well: J v + Φ_t = 0 holds where these change.
         """
-        system, nv, dynamics = self.system, self.system.nv, self._index1.compiled.dynamics
-        J = dynamics(t, q, v)[2]
+        nv, compiled = self.system.nv, self._index1.compiled
+        J = compiled.dynamics(t, q, v)[2]
         columns, inverse = self._chosen(J)
         others, d = np.delete(np.arange(nv), columns), len(columns)
         Z = np.zeros((nv, d))
         Z[columns, np.arange(d)] = 1.0
         Z[others] = -inverse @ J[:, columns]
-        bend = np.empty((len(J), d))
-        for k, z in enumerate(Z.T):
-            bend[:, k] = 0.25 * (dynamics(t, q, v + z)[3] - dynamics(t, q, v - z)[3])
-            if not system.vector_like:
-                bend[:, k] += 0.5 * J @ (system.bracket(z) @ v)
+        known = compiled.row_gradients(t, q, v, np.zeros(len(J)))
+        bend = self._bend(t, q, v, J, Z) if known is None else known[1] @ Z
         extended = np.zeros((2 * nv, 2 * d))
         extended[:nv, :d] = extended[nv:, d:] = Z
         extended[nv + others, :d] = -inverse @ bend
         return columns, extended
+
+    def _bend(self, t, q, v, J, Z):
+        """∂ρ/∂q Z, (nc, d), from J̇ v: the symmetric part of the second derivative of Φ, and half a Lie bracket."""
+        system, dynamics = self.system, self._index1.compiled.dynamics
+        bend = np.empty((len(J), Z.shape[1]))
+        for k, z in enumerate(Z.T):
+            bend[:, k] = 0.25 * (dynamics(t, q, v + z)[3] - dynamics(t, q, v - z)[3])
+            if not system.vector_like:
+                bend[:, k] += 0.5 * J @ (system.bracket(z) @ v)
+        return bend
 
     def _chosen(self, J):
         """The columns of the coordinates, the last ones if they still do, and the inverse of the other columns of J."""

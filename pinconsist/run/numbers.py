@@ -113,10 +113,11 @@ class Numbers:
                 body[kind][place] = value
             mass = float(body["mass"])
             why = "its mass is negative" if mass < 0.0 else ""
-            try:
-                pin.Inertia(mass, body["com"], body["inertia"])
-            except RuntimeError as error:
-                why = str(error)
+            if kind == "inertia":
+                try:
+                    pin.Inertia(mass, body["com"], body["inertia"])
+                except RuntimeError as error:
+                    why = str(error)
             if why:
                 for place in indices:
                     body[kind][place] = before

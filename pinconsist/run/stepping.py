@@ -211,7 +211,7 @@ class Simulation:
         t = self._place[0]
         if commands:
             self._hold(t, commands)
-        if torque.any():
+        if np.count_nonzero(torque):
             self._hold(t, torque)
         return self.state
 
@@ -250,7 +250,7 @@ class Simulation:
         if self._renewed:
             return
         before = self._stepper.system
-        system = MechanismSystem(self.mechanism, self._place[1], before.chosen_at, kept=before.kept)
+        system = MechanismSystem(self.mechanism, self._place[1], before.chosen_at, like=before)
         system.take_held(before)
         self._stepper.stand_for(system)
         self._renewed, self._discrete = True, None
@@ -366,11 +366,15 @@ class Simulation:
         rows, orders = self._record.since(self._before[0])
         if not all(orders):
             raise InputError("an event, or a force that jumps, acted in the last step: make shorter steps around it")
-        system, names = self._stepper.system, None if inputs is None else tuple(np.atleast_1d(inputs).tolist())
-        key = system, names
-        if self._discrete is None or self._discrete[0] != key or self._actuators:  # they may be at their limits
-            self._discrete = key, Discrete(system, names, self._before[0])
-        return self._discrete[1].along(self._before, rows, orders, self._again)
+        discrete = self._linearizer(self._before[0], None if inputs is None else tuple(np.atleast_1d(inputs).tolist()))
+        return discrete.along(self._before, rows, orders, self._again)
+
+    def _linearizer(self, t, names) -> Discrete:
+        """What linearises steps under the commands that are held; actuators may be at their limits."""
+        key = self._stepper.system, names, tuple(self._commands.items())
+        if self._discrete is None or self._discrete[0] != key or (self._actuators and self._changing is not None):
+            self._discrete = key, Discrete(self._stepper.system, names, t)
+        return self._discrete[1]
 
     def _again(self, start, t_end):
         """The steps from a state (t, q, v) to a time, made once more under what is held."""

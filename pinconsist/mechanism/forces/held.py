@@ -119,6 +119,8 @@ class BoundHeld(BoundForce):
 
     def change(self, t, q, v) -> bool | None:
         """Put the entries up to a time into effect; return whether the torques jump, or None if there are none."""
+        if not self._keys:
+            return None
         before, now, offset = self.entered, self._sign * t, jump_offset(t)
         if before + 1 < len(self._keys):  # at large times entries may be closer than the offset
             offset = min(offset, 0.5 * (self._keys[before + 1] - self._keys[before]))
