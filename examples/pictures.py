@@ -310,6 +310,23 @@ def cam(axes, mech, sol):
     return "force on the cam  [N]"
 
 
+def excavator(axes, mech, sol):
+    fine = sol.at(np.linspace(0.0, 3.0, 600))
+    for part, color in (("boom", BLUE), ("arm", ORANGE)):
+        axes.plot(fine.t, fine.position(f"{part}_cylinder"), color=color, label=part)
+    axes.legend(frameon=False)
+    return "lengths of the cylinders  [m]"
+
+
+def grip_and_lift(axes, mech, sol):
+    fine = sol.at(np.linspace(0.0, 2.0, 600))
+    for side, color in (("left", BLUE), ("right", ORANGE)):
+        axes.plot(fine.t, np.abs(fine.contact(f"{side} pad").force[:, 0]), color=color, label=f"{side} pad")
+    axes.plot(fine.t, 100.0 * fine.position("z"), color="#333333", label="height of the part  [cm]")
+    axes.legend(frameon=False)
+    return "grip  [N]"
+
+
 FIGURES = {  # curve, time of the still or None, traces in it
     "02_four_bar": (four_bar, 1.0, ("coupler_tip",)),
     "03_driven_slider_crank": (slider_crank, 0.05, ()),
@@ -343,10 +360,12 @@ FIGURES = {  # curve, time of the still or None, traces in it
     "31_standing_leg": (leg, 1.1, ()),
     "32_clutch": (clutch, None, ()),
     "33_cam": (cam, 0.05, ()),
+    "34_excavator": (excavator, 0.6, ()),
+    "35_grip_and_lift": (grip_and_lift, 1.2, ()),
 }
 
 
-ARROWS = {"02_four_bar", "04_own_mechanism", "09_delta_robot", "12_strandbeest", "31_standing_leg"}  # with forces
+ARROWS = {"02_four_bar", "04_own_mechanism", "09_delta_robot", "12_strandbeest", "31_standing_leg", "35_grip_and_lift"}
 
 
 def example(name):

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import pinconsist as pc
-from benchmarks.linkages import add_body, at, four_bar
+from benchmarks.linkages import add_body, add_frame, at, four_bar
 
 SLOW = {"rtol": 1e-9, "atol": 1e-12}
 
@@ -289,6 +289,31 @@ def test_a_stuck_joint_and_its_stop_share_a_load():
     assert sol.q[-1, 0] == pytest.approx(0.0, abs=1e-12)
     stop, friction = sol.contact("z").force[-1], sol.contact("z friction").force[-1]
     assert stop + friction == pytest.approx(G) and stop >= 0.0 and abs(friction) <= 4.0
+
+
+def test_a_part_is_lifted_off_its_table_by_two_pads_that_a_drive_moves():
+    """Table and pads hold it redundantly; where the drive moves the pads, the table must let go."""
+    model = pin.Model()
+    model.gravity.linear = np.array([0.0, 0.0, -G])
+    lift = add_body(model, 0, pin.JointModelPZ(), at(0, 0), "lift", 1.0, (0, 0, 0), 0.1)
+    add_body(model, lift, pin.JointModelPX(), at(-0.1, 0), "left", 1.0, (0, 0, 0), 0.1)
+    add_body(model, lift, pin.JointModelPX(), at(0.1, 0), "right", 1.0, (0, 0, 0), 0.1)
+    x = add_body(model, 0, pin.JointModelPX(), at(0, 0), "x", 0.0, (0, 0, 0), 0.0)
+    part = add_body(model, x, pin.JointModelPZ(), at(0, 0), "z", 1.0, (0, 0, 0), 0.1)
+    contacts = [pc.Contact("table", "z", friction=0.2)]
+    for side, sign in (("left", -1.0), ("right", 1.0)):
+        add_frame(model, part, f"{side} face", (0.05 * sign, 0.0, 0.0))
+        contacts.append(pc.Contact(side, f"{side} face", on=side, normal=(-sign, 0, 0), friction=0.5))
+    loops = [
+        pc.Coupling("gears", "left", "right", ratio=-1.0),
+        pc.Drive("up", "lift", lambda t: max(t - 0.5, 0.0) ** 3),
+    ]
+    mech = pc.Mechanism(model, loops, [{"left": 30.0}], contacts=contacts)
+    sol = pc.simulate(mech, (0.0, 1.0), {"lift": 0.0, "x": 0.01, "z": 0.0, "left": 0.0, "right": 0.0})
+    assert sol.success and sol.position("z")[-1] == pytest.approx(0.5**3, abs=1e-9)
+    forces = [sol.contact(name).force[-1] for name in ("left", "right", "table")]
+    assert sum(force[2] for force in forces) == pytest.approx(G + 6.0 * 0.5, rel=1e-6)
+    assert all(abs(force[2]) <= 0.5 * abs(force[0]) + 1e-9 for force in forces[:2])
 
 
 def test_a_sliding_rod_jams_and_goes_on():

@@ -304,6 +304,32 @@ def mean_of_returns():
     return total.mean()
 
 
+def end_of_the_boom():
+    """Virtual work: the weights' potential by the length of the boom's cylinder, with that of the arm at its end."""
+    at = module("34_excavator")
+    bases = {part: complex(*place) for part, place in at.BASES.items()}
+
+    def corner(part, hinge, length):
+        """The angle at a hinge between the base of a cylinder and the pin of its rod, by their triangle."""
+        base, lever = abs(bases[part] - hinge), abs(at.PINS[part])
+        return np.arccos((base**2 + lever**2 - length**2) / (2 * base * lever))
+
+    arm = np.angle(bases["arm"] - at.BOOM) - corner("arm", at.BOOM, at.ENDS["arm"][1]) - np.pi
+
+    def energy(length):
+        turned = np.exp(1j * (np.angle(bases["boom"]) + corner("boom", 0.0, length)))
+        tip, along = at.BOOM * turned, turned * np.exp(1j * arm)
+        weights = at.MASSES["boom"] * 0.5 * tip + at.MASSES["arm"] * (tip + 0.5 * at.ARM * along)
+        cylinders = (bases["boom"], at.PINS["boom"] * turned), (bases["arm"] * turned, tip + at.PINS["arm"] * along)
+        for base, end in cylinders:
+            way = 0.4 * (end - base) / abs(end - base)
+            weights += at.MASSES["barrel"] * (base + way) + at.MASSES["rod"] * (end - way)
+        return G * weights.imag
+
+    length, step = at.ENDS["boom"][0], 1e-5
+    return (energy(length + step) - energy(length - step)) / (2 * step)
+
+
 ANSWERS = {  # number or how it is found, relative tolerance: that of the run
     "01_exact_and_consistent": (8.0120e-3, 5e-5),  # Arévalo (2008), table 5.1, five digits
     "02_four_bar": (four_bar, 1e-7),
@@ -337,6 +363,8 @@ ANSWERS = {  # number or how it is found, relative tolerance: that of the run
     "30_vector_environment": (mean_of_returns, 1e-6),
     "31_standing_leg": ((4.0 + 4 * 0.2) * G, 1e-6),  # the weight
     "32_clutch": (100.0 / (10.0 / 0.2 + 10.0 / 0.5), 1e-9),  # both turn alike
+    "34_excavator": (end_of_the_boom, 1e-7),
+    "35_grip_and_lift": (0.3 * G, 1e-6),  # the weight
     "33_cam": (np.arccos(-(8.0 + 400.0 * 0.01) / ((0.5 * 60.0**2 - 400.0) * 0.01)), 1e-7),  # m e Ω² cos φ = -spring
 }
 LONGER = {"23_gymnasium": 100, "25_ilqr": 80, "28_crocoddyl": 80, "30_vector_environment": 80}  # lines

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from ..engine.complementarity import Grip, Push, solve
+from ..engine.systems import blank_system
 from .system import MechanismSystem
 
 OPEN, CLOSED, STICK, SLIP = "open", "closed", "stick", "slip"
@@ -145,7 +147,7 @@ class ModeSystem(MechanismSystem):
 
         The friction of contacts that slide is that of their velocity `v`.
         """
-        loops = self.base.full_multipliers(q, np.ascontiguousarray(lam[..., : self.base.nc]), complete)
+        of_loops = lam[..., : self.base.nc].copy()
         own = np.zeros((*lam.shape[:-1], int(self.firsts[-1])))
         for members, shares, place in self.shared:
             own[..., self.firsts[list(members)]] = lam[..., place : place + shares.shape[1]] @ shares.T
@@ -156,20 +158,36 @@ class ModeSystem(MechanismSystem):
             if mode.kind == SLIP:
                 self._slide(own[..., first : self.firsts[i + 1]], i, element, mode, q, v)
         if self.redundant:
-            self._share(q, own)
+            self._share(q, of_loops, own)
+        loops = self.base.full_multipliers(q, of_loops, complete)
         return np.concatenate((loops, own), axis=-1)
 
-    def _share(self, q, own):
-        """Distribute the forces among rows that depend on each other, so that each obeys its law."""
+    def _share(self, q, of_loops, own):
+        """Distribute the forces among rows that depend on each other, so that each obeys its law.
+
+        Rows may depend on each other by the loops, which then carry what the others do not: only the part of the forces
+        that the loops cannot carry is given.
+        """
         blocks, rows = self._laws()
-        for position, forces in [(q, own)] if own.ndim == 1 else zip(q, own, strict=True):
+        states = [(q, of_loops, own)] if own.ndim == 1 else zip(q, of_loops, own, strict=True)
+        for position, loops, forces in states:
             if not forces.any() or self.obeys(forces):
                 continue
-            R = self.every.rows(position)[1]
-            total = forces[rows] @ R[rows]
-            shares = solve(R[rows] @ R[rows].T, -R[rows] @ total, blocks, shared=True)[0]
-            if np.abs(shares @ R[rows] - total).max() <= SHARED * np.abs(total).max():
+            R, J = self.every.rows(position)[1][rows], self._loops.rows(position)[1]
+            carried = np.linalg.qr(J.T)[0]
+            free = R - (R @ carried) @ carried.T
+            total = forces[rows] @ free
+            shares = solve(free @ free.T, -free @ total, blocks, shared=True)[0]
+            if np.abs(shares @ free - total).max() <= SHARED * np.abs(total).max():
+                loops += np.linalg.lstsq(J.T, (forces[rows] - shares) @ R, rcond=None)[0]
                 forces[rows] = shares
+
+    @cached_property
+    def _loops(self):
+        """The compiled rows of the loops that are kept."""
+        compiled = blank_system(self.model, self.base.workspace)
+        self.base.kept_rows.hand_over(compiled)
+        return compiled
 
     def _laws(self):
         """The blocks of the forces of elements that rest or stick, and their rows; what slides stays as it is."""

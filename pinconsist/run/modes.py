@@ -38,6 +38,7 @@ NOISE = 1e-13  # of a gap, relative to positions
 LIFTS = 4  # Newton steps by which gaps are closed
 LIFTED = 1e-11  # violation of a gap, relative to positions, that is removed where it closes
 APPROACH = 1e-11  # rate of a gap, relative to velocities, that is none
+HELD = 1e-8  # rate of a row, relative to velocities, of what is at rest, between the ends of steps
 SLIDES = 1e-10  # speed of sliding, relative to velocities, that is none, in a plane
 TIE = 1e-7  # of the largest force: at the end of a mode a smaller one is zero
 STICKS = 1e-9  # of the largest acceleration: a smaller one of sliding is none
@@ -414,11 +415,24 @@ class Modes:
     def margin(self, t, p, v, lam) -> float:
         """Falls from 1 to -1 where the accelerations call for other modes: for redundant rows.
 
-        If the forces of the present modes, distributed among dependent rows, obey their laws, these modes are right.
+        If the forces of the present modes, distributed among dependent rows, obey their laws, these modes are right, as
+        long as the rows that are not used hold as well: they do not where a drive moves what they hold.
         """
-        if self.system.obeys(lam[self.base.rows.nc :]):
+        if self.system.obeys(lam[self.base.rows.nc :]) and self._all_held(t, p, v):
             return 1.0
         return 1.0 if self.agree(t, p, v) else -1.0
+
+    def _all_held(self, t, p, v) -> bool:
+        """Whether all rows of what is closed or sticks are at rest."""
+        rates = np.abs(self.every.evaluate(t, p, v, np.zeros(len(v)))[3])
+        bound = HELD * (1.0 + largest(v))
+        for i, (element, mode) in enumerate(zip(self.elements, self.system.modes, strict=True)):
+            first = int(self.firsts[i])
+            begin = first if mode.kind != OPEN else first + element.pushes
+            end = first + element.size if mode.kind == STICK else first + element.pushes
+            if largest(rates[begin:end]) > bound:
+                return False
+        return True
 
     def watch(self):
         """The functions that end the present mode, and what each is: pairs (element, ``gap``, ``push``, …)."""
