@@ -327,6 +327,21 @@ def grip_and_lift(axes, mech, sol):
     return "grip  [N]"
 
 
+def hopper(axes, mech, sol):
+    gap_and_force(axes, sol, "ground")
+    axes.set_ylim(0.0, 200.0)
+    return "vertical force of the ground  [N]"
+
+
+def biped(axes, mech, sol):
+    fine = sol.at(np.linspace(0.0, 2.5, 1000))
+    for name, color in (("left", BLUE), ("right", ORANGE)):
+        axes.plot(fine.t, fine.contact(f"{name} ground").force[:, 2], color=color, label=name)
+    axes.set_ylim(0.0, 100.0)
+    axes.legend(frameon=False)
+    return "vertical forces of the ground  [N]"
+
+
 FIGURES = {  # curve, time of the still or None, traces in it
     "02_four_bar": (four_bar, 1.0, ("coupler_tip",)),
     "03_driven_slider_crank": (slider_crank, 0.05, ()),
@@ -362,10 +377,20 @@ FIGURES = {  # curve, time of the still or None, traces in it
     "33_cam": (cam, 0.05, ()),
     "34_excavator": (excavator, 0.6, ()),
     "35_grip_and_lift": (grip_and_lift, 1.2, ()),
+    "36_hopping_leg": (hopper, 0.3, ()),
+    "37_biped": (biped, 1.0, ()),
 }
 
 
-ARROWS = {"02_four_bar", "04_own_mechanism", "09_delta_robot", "12_strandbeest", "31_standing_leg", "35_grip_and_lift"}
+ARROWS = {
+    "02_four_bar",
+    "04_own_mechanism",
+    "09_delta_robot",
+    "12_strandbeest",
+    "31_standing_leg",
+    "35_grip_and_lift",
+    "37_biped",
+}
 
 
 def example(name):

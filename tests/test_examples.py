@@ -363,9 +363,11 @@ ANSWERS = {  # number or how it is found, relative tolerance: that of the run
     "30_vector_environment": (mean_of_returns, 1e-6),
     "31_standing_leg": ((4.0 + 4 * 0.2) * G, 1e-6),  # the weight
     "32_clutch": (100.0 / (10.0 / 0.2 + 10.0 / 0.5), 1e-9),  # both turn alike
+    "33_cam": (np.arccos(-(8.0 + 400.0 * 0.01) / ((0.5 * 60.0**2 - 400.0) * 0.01)), 1e-7),  # m e Ω² cos φ = -spring
     "34_excavator": (end_of_the_boom, 1e-7),
     "35_grip_and_lift": (0.3 * G, 1e-6),  # the weight
-    "33_cam": (np.arccos(-(8.0 + 400.0 * 0.01) / ((0.5 * 60.0**2 - 400.0) * 0.01)), 1e-7),  # m e Ω² cos φ = -spring
+    "36_hopping_leg": (-G, 1e-6),
+    "37_biped": ((6.0 + 8 * 0.2) * G, 1e-6),  # the weight
 }
 LONGER = {"23_gymnasium": 100, "25_ilqr": 80, "28_crocoddyl": 80, "30_vector_environment": 80}  # lines
 
