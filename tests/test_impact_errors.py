@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -11,8 +12,11 @@ from helpers.touching import G
 
 import pinconsist as pc
 from benchmarks.linkages import add_body, at
+from pinconsist.mechanism.mode_system import Mode
 from pinconsist.run.certificate import from_plain, plain
+from pinconsist.run.contact_results import ContactHistory
 from pinconsist.run.impact_errors import _Hit, paired
+from pinconsist.run.modes import Period
 from pinconsist.view.curves import verdicts
 from pinconsist.view.motion import runs_of
 
@@ -123,6 +127,27 @@ def test_rows_between_an_impact_of_one_run_and_of_the_other_are_not_compared():
     assert abs(sol.impacts[-1].t - exact) > 1e-6
     again = swinging(**LOOSE, t_eval=[0.0, 1.0, between, 30.0])
     assert again.impacts[-1].t == sol.impacts[-1].t and again.check().ok, again.check()
+
+
+@pytest.mark.parametrize("rtol", [1e-3, 1e-6])
+def test_friction_that_turns_a_little_later_in_the_finer_run_is_no_error_of_forces(rtol):
+    """A pendulum with dry friction turns back without a rest: the friction jumps at the last row before or after."""
+    mech = touching.pendulum(-3.0, 3.0, 0.0).add_contacts(pc.DryFriction("hinge", 0.4))
+    sol = pc.simulate(mech, (0.0, 6.0), [1.5], rtol=rtol, atol=1e-2 * rtol)
+    assert len(sol.contacts.tables) > 4 and sol.check().ok, sol.check()
+
+
+def test_rows_of_several_changes_at_one_time_belong_to_their_modes():
+    """Each change has its row, also one after which the modes are the same."""
+    kinds = {0.0: ["open"], 1.0: ["slip", "slip", "stick"], 2.0: ["open"]}
+    tables = [(t, (Mode(kind),)) for t, each in kinds.items() for kind in each]
+    element = SimpleNamespace(name="c")
+    systems = [SimpleNamespace(modes=table, elements=[element], still=0.0) for _, table in tables]
+    periods = [Period(t, system) for (t, _), system in zip(tables, systems, strict=True)]
+    history = ContactHistory.of(SimpleNamespace(periods=periods, impacts=[]))
+    found = [history.tables[k][0].kind for k in history.of_rows([0.0, 0.5, 1.0, 1.0, 1.0, 1.0, 1.5, 2.0, 2.0])]
+    assert found == ["open", "open", "open", "slip", "slip", "stick", "stick", "stick", "open"]
+    assert [each.mode for each in history.modes(3.0)] == ["open", "stick", "open"]
 
 
 def hits(times, speeds):

@@ -162,8 +162,8 @@ def global_error(solution, finer: FinerRun, apart=False) -> GlobalError:
     # multipliers between the steps of the finer run are those of its polynomials, which nothing controls
     sides = sided(solution.t, system.jumps_at(solution.t[-1], solution.q[-1], solution.v[-1]))[rows]
     error_force = np.abs(ours - exact_forces(system, (sides, *other), finer.contacts))
-    if contacts is not None:  # where a contact has closed in one run and not yet in the other
-        error_force[[contacts.at(time) != finer.contacts.at(time) for time in t]] = 0.0
+    if contacts is not None:  # where a contact has closed or turned in one run and not yet in the other
+        error_force[[contacts.laws(time) != finer.contacts.laws(time) for time in t]] = 0.0
         error_force[too_slow(system.mechanism, contacts, t, q, v)] = 0.0
     for error in (error_q, error_v, error_force):
         error[finer.apart | apart] = 0.0

@@ -92,8 +92,8 @@ class ContactHistory:
             return None
         starts, tables = [], []
         for period in trajectory.periods:
-            if tables and tables[-1] == period.system.modes:
-                continue
+            if tables and tables[-1] == period.system.modes and starts[-1] != period.t:
+                continue  # of several at one time each has its row
             starts.append(float(period.t))
             tables.append(period.system.modes)
         impacts = tuple(trajectory.impacts)
@@ -177,6 +177,11 @@ class ContactHistory:
     def at(self, t) -> tuple[str, ...]:
         """What each element does at a time."""
         return tuple(mode.kind for mode in self.tables[self.index(t)])
+
+    def laws(self, t) -> tuple:
+        """The laws of friction at a time: what each element does and, along a line, in which direction it slides."""
+        table = self.tables[self.index(t)]
+        return tuple((mode.kind, mode.direction if len(mode.direction) == 1 else ()) for mode in table)
 
     def index(self, t) -> int:
         """The table that holds at a time, of two at a time of change the later one."""
