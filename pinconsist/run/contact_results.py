@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass
 from itertools import groupby
 from typing import NamedTuple
@@ -140,8 +141,10 @@ class ContactHistory:
         """The index of the table that holds at each row: of several rows at a time of change, the later ones."""
         t, starts = np.asarray(t, float), np.array(self.starts)
         found = np.searchsorted(starts, t, side="right") - 1
-        for time in np.unique(starts[1:]):
-            rows, changes = np.flatnonzero(t == time), np.flatnonzero(starts == time)
+        times = np.unique(starts[1:])
+        ends = [[np.searchsorted(of, times, side) for side in ("left", "right")] for of in (t, starts)]
+        for low, high, first, last in np.transpose([*ends[0], *ends[1]]):
+            rows, changes = np.arange(low, high), np.arange(first, last)
             if len(rows) < 2:
                 continue
             before = [changes[0] - 1] * max(1, len(rows) - len(changes))
@@ -185,7 +188,7 @@ class ContactHistory:
 
     def index(self, t) -> int:
         """The table that holds at a time, of two at a time of change the later one."""
-        return max(int(np.searchsorted(self.starts, t, side="right")) - 1, 0)
+        return max(bisect_right(self.starts, t) - 1, 0)
 
 
 def _plain(value):
