@@ -24,7 +24,7 @@ LEAST_ERROR = 0.3  # tolerances: smaller errors count as this
 OFF = {
     "Radau": {
         "UNMOVED": 0.0, "STAGNATED": 0.0, "LAST": 0.0, "NOTABLE": 0.0, "FITTING": NEVER, "RESOLVED": NEVER,
-        "FORESEEN": NEVER, "LAST_MODE": 0.0, "NEXT_MODE": 0.0, "BETWEEN": NEVER, "CALM": 0.0, "QUICK": 1.0, "FELT": 0.0,
+        "NEXT_MODE": 0.0, "BETWEEN": NEVER, "CALM": 0.0, "FELT": 0.0,
         "RESTARTED": NEVER, "STIFF": NEVER, "STIFF_PART": 0.0, "UNSEEN": 0.0, "COARSE": NEVER, "SETBACKS": 1e9,
         "POSITION_ROUNDING": 0.0, "STAGE_LEFT": NEVER, "FIRST_CHANGE": 0.0,
     },

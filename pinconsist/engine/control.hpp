@@ -196,15 +196,14 @@ public:
     return newton_factor_;
   }
 
-  // After an accepted step in which Newton contracted by `rate`: more stages if it has converged quickly for a while,
-  // and if the step was not cut.
-  void choose_after_step(double rate, bool cut) {
+  // After an accepted step: more stages if Newton has not failed for a while, and if the step was not cut.
+  void choose_after_step(bool cut) {
     if (++calm_ < CALM || cut) return;
     failures_ = 0;
     const bool few = s < FIRST_STAGES;
     const int more = static_cast<int>(few ? FIRST_STAGES : MOST_STAGES);
     const bool worth = few || rtol_of_run.minCoeff() <= MOST_STAGES_BELOW;
-    if (chooses && worth && rate <= QUICK && more != s) use(more);
+    if (chooses && worth && more != s) use(more);
   }
   // After Newton failed or a step shrank by MIN_FACTOR: fewer stages if that also happened shortly before.
   void choose_after_failure() {
@@ -216,7 +215,7 @@ public:
   double after_failure(double h) {
     ++rejected_by_newton;
     restart();
-    return STAGE_AFTER_FAILURE * h;
+    return AFTER_FAILURE * h;
   }
   double after_rejection(double h, double error) {
     ++rejected_by_error;

@@ -264,7 +264,7 @@ public:
     if (!fixed()) {
       const bool cut = h != wanted;
       h = control.next_step(newton.stages.h, error);
-      control.choose_after_step(newton.rate, cut);
+      control.choose_after_step(cut);
     }
     headway_.reached(t);
     return Failure::none;
@@ -304,7 +304,7 @@ private:
   Failure solve(double t_next) {
     const int s = control.s;
     place(s, t, t_next - t, p, v);
-    if (shaped_ && std::abs(newton.stages.h) < FORESEEN * std::abs(shape_.h)) shape_.predict(newton.stages);
+    if (shaped_) shape_.predict(newton.stages);
     else newton.stages.W = a.replicate(1, s) + slope_ * (newton.stages.h * newton.stages.table->c.transpose());
     const double tol = weights();
     const Failure failure = newton.solve(weight_, tol, switches_.kept_matrix && !fixed());
@@ -439,7 +439,7 @@ private:
       upper = highest = std::max(highest, middle * middle / std::max({middle, before, tiny}));
       lower = before;
     }
-    const double decay = upper / (lower + LAST_MODE * upper + tiny); // over two degrees
+    const double decay = upper / (lower + tiny); // over two degrees
     highest = std::max(highest, std::sqrt(std::min(decay, 1.0)) * middle);
     const RadauTable &table = *newton.stages.table;
     const double beside = size_of(4), earlier = size_of(5);

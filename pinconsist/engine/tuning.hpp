@@ -70,7 +70,6 @@ CONSTANT(FIRST_STAGES, 5); // with which it begins
 CONSTANT(MOST_STAGES, 7);
 CONSTANT(MOST_STAGES_BELOW, 1e-6); // largest rtol for which MOST_STAGES may be chosen
 CONSTANT(CALM, 10); // steps before the number of stages may grow
-CONSTANT(QUICK, 1e-2); // contraction of Newton required for it
 CONSTANT(STAGE_ACCURACY, 1.5); // relative to the tolerance of a run; determines the tolerance of the error estimate
 CONSTANT(STAGE_LEFT, 1e-3); // error of Newton in a step, which adds up, relative to the tolerance of a run
 CONSTANT(MAX_STAGE_ITERATIONS, 12);
@@ -82,8 +81,6 @@ CONSTANT(STAGE_GROWTH, 2.0); // largest growth of a step; MAX_FACTOR after the f
 CONSTANT(RESOLVED, 0.35); // largest ratio of the last coefficient of accelerations to the two before it if they are resolved
 CONSTANT(FITTING, 10.0); // largest distance of accelerations at the ends from the polynomial of the stages, in its last modes
 CONSTANT(NOTABLE, 0.03); // part of the largest last coefficient that makes an unresolved coordinate count for all
-CONSTANT(FORESEEN, 7.0); // a step longer than this, relative to the last, does not start from its polynomial
-CONSTANT(STAGE_AFTER_FAILURE, 0.5); // factor of the step size after Newton failed
 CONSTANT(FELT, 3.0); // rounding in stage positions that affects the error estimate, in eps
 CONSTANT(FIRST_ERROR, 1e-4); // error of the first step relative to the tolerance
 CONSTANT(RESTARTED, 3.0); // largest step after an event, relative to a first step, if steps were that long before
@@ -94,7 +91,6 @@ CONSTANT(COARSE, 4.0); // widths of friction: nearer to zero velocities are reso
 CONSTANT(STIFF, 30.0); // a force is stiff if a motion turns or decays by more than this, rad or 1, within a step
 CONSTANT(STIFF_PART, 0.3); // a force is stiff if its effect on a velocity exceeds this fraction of it
 CONSTANT(UNSEEN, 20.0); // factor of the impulse of sharp forces that the stages miss: two formulas may miss much of it alike
-CONSTANT(LAST_MODE, 0.01); // share of the two highest modes in the denominator of their decay, in the error estimate
 CONSTANT(BETWEEN, 3.0); // error between the ends of a step, in tolerances, from which rows there are interpolated in its halves
 CONSTANT(NEXT_MODE, 0.02); // part of BETWEEN that the next mode must reach, for the error to be measured
 CONSTANT(LOOKS, 12); // number of times in a step at which events are evaluated
