@@ -196,6 +196,14 @@ def test_tables(four_bar, sol, tmp_path):
     np.testing.assert_array_equal(frame["v.rocker"], sol.velocity("rocker"))
 
 
+@pytest.mark.parametrize("method", ["to_csv", "to_dataframe"])
+def test_the_table_of_a_solution_that_was_read_names_what_was_called(sol, tmp_path, method):
+    read = pc.Solution.load(sol.save(tmp_path / "run.npz"))
+    given = [tmp_path / "run.csv"] if method == "to_csv" else []
+    with pytest.raises(pc.InputError, match=rf"sol\.{method}\("):
+        getattr(read, method)(*given)
+
+
 def test_the_table_of_a_problem_without_joints(tmp_path):
     problem = pc.HessenbergProblem(
         U=lambda t, p, v: v,

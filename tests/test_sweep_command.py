@@ -70,7 +70,7 @@ def test_the_table_has_the_numbers_of_simulate_to_the_last_bit(run):
 
 def test_a_row_costs_no_certificate(run, monkeypatch):
     """The forces and what they are compared with, which no row tells, would take ten times as long as the run."""
-    for name in ("certificate.measured", "certificate.certify"):
+    for name in ("certify.measured", "certify.certify"):
         monkeypatch.setattr(f"pinconsist.run.{name}", lambda *_: 1 / 0)
     monkeypatch.setattr(pc.Solution, "check", lambda *_: 1 / 0)
     code, out, _ = run("crank_rocker", "--vary", "crank_speed=5:6:0.5", "--until", 0.2, "--out", "table.csv")

@@ -21,12 +21,13 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import FormatError, warn
+from ..mechanism.file_laws import COLLISIONS, STATIC, WATCHED
 from ..mechanism.forces import JointSpring, Wrench
 from ..mechanism.loops import unit
 from . import solids
 from .extensions import pose, unique
 from .graph import WORLD, Axis, Body, Joint, JointGraph, Scene, build
-from .ignored import COLLISIONS, LIMITS, Ignored
+from .ignored import Ignored
 from .loopfile import parsed_yaml
 from .plausible import moving_inertias, warn_of_inertias
 from .reading import LARGEST, RobotFile, finite, near, read_bytes, short_repr, text
@@ -141,7 +142,7 @@ class _Ambf(Scene):
         if entry.get("gravity") is not None:
             self.pulled[name] = np.array(_three(entry, "gravity", element))
         shape = any(entry.get(each) for each in ("mesh", "collision shape", "geometry", "compound collision shape"))
-        self.ignored.add(f"static {COLLISIONS}" if static else COLLISIONS, shape)
+        self.ignored.add(STATIC if static else COLLISIONS, shape)
         damping = entry.get("damping")
         drag = damping.values() if isinstance(damping, dict) else ()
         self.ignored.add("body damping", not static and any(finite(each) for each in drag))
@@ -236,7 +237,7 @@ class _Ambf(Scene):
             raise FormatError(f"damping: {damping:g} is negative", element=element)
         if kind == "ball":
             turned = pin.Quaternion(start.rotation).coeffs()
-            self.ignored.add(LIMITS, bool(entry.get("joint limits")))
+            self.ignored.add(WATCHED, bool(entry.get("joint limits")))
             return (Axis(np.zeros(3), initial=tuple(turned.tolist())),)
         axis = unit(np.array(_three(entry, "parent axis", element)))
         if kind == "revolute":
@@ -248,7 +249,7 @@ class _Ambf(Scene):
         if isinstance(limits, dict) and "low" in limits and "high" in limits:
             low, high = (_number(limits, end, f"{element}: joint limits") for end in ("low", "high"))
             low, high = (low, high) if low <= high else (-math.inf, math.inf)
-            self.ignored.add(LIMITS, low <= high)
+            self.ignored.add(WATCHED, low <= high)
         numbers = {"damping": damping, "lower": low, "upper": high, "initial": at if abs(at) > _STARTING else 0.0}
         if springs:
             middle = 0.5 * (low + high) if math.isfinite(high - low) else 0.0

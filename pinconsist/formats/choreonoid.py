@@ -18,11 +18,12 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import FormatError, warn
+from ..mechanism.file_laws import WATCHED
 from ..mechanism.loops import Loop, unit
 from .closures import Closure
 from .extensions import pose, unique
 from .graph import WORLD, Axis, Body, Joint, JointGraph, Scene, build
-from .ignored import LIMITS, Ignored
+from .ignored import Ignored
 from .loopfile import parsed_yaml
 from .plausible import moving_inertias, warn_of_inertias
 from .reading import RobotFile, finite, near, read_bytes, require_known, short_repr
@@ -176,7 +177,7 @@ def _joint(link, bodies, ignored) -> Joint:
         raise FormatError(f"the joint type {link.kind[:40]!r} is not supported", element=f"link {link.name[:60]!r}")
     limits = dict(zip(("lower", "upper"), link.limits, strict=False))
     if limits:
-        ignored.add(LIMITS)
+        ignored.add(WATCHED)
     axes = () if kind == "fixed" else (Axis(link.axis, **limits),)
     name = link.name if axes else f"{link.name}_mount"
     return Joint(name, kind, bodies[link.parent], link.body, link.place, pin.SE3.Identity(), axes)

@@ -11,10 +11,10 @@ import numpy as np
 import pinocchio as pin
 
 from ..mechanism.contacts import Contact
-from .ignored import COLLISIONS
+from ..mechanism.file_laws import COLLIDING, COLLISIONS, FLOOR, STATIC
 
 USUAL = 1.0  # friction without any in the file, as in SDF and MuJoCo
-COUNTED = re.compile(r"^\d+ ((static )?collision shape|colliding geom|floor)s?$")
+COUNTED = re.compile(rf"^\d+ ({COLLISIONS}|{STATIC}|{COLLIDING}|{FLOOR})s?$")
 SUPPORTED = ("sphere", "capsule", "box")
 
 
@@ -64,7 +64,7 @@ def ground_contacts(model, solids, planes, friction=None, rule=max) -> tuple[tup
     for solid in solids:
         joint = model.frames[model.getFrameId(solid.frame)].parentJoint if model.existFrame(solid.frame) else 0
         if joint == 0:
-            left[f"static {COLLISIONS}"] += 1
+            left[STATIC] += 1
             continue
         if solid.kind not in SUPPORTED:
             left[f"{COLLISIONS} of kind {solid.kind}"] += 1

@@ -9,11 +9,7 @@ from collections import Counter
 from collections.abc import Iterable
 from xml.etree.ElementTree import Element
 
-from ..mechanism.file_laws import WATCHED
-
-COLLISIONS = "collision shape"
 CONTACTS = "contact parameter"
-LIMITS = WATCHED
 HARMLESS_PLUGINS = re.compile(
     r"state_?publisher|odometry|camera|sensor|imu|lidar|laser|gps|navsat|bumper|p3d|ground_truth|altimeter"
     r"|magnetometer|user_?commands|scene_?broadcaster|pose_?publisher|diagnostic|video|log_?(record|system)",

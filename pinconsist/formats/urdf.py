@@ -16,11 +16,12 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import FormatError, warn
+from ..mechanism.file_laws import COLLISIONS, WATCHED
 from .drake import joints_in_urdf
 from .extensions import LOOP_TAGS, WORLDS, left_out, sorted_records
 from .grammar import URDF, count_unknown
 from .ground import solids_of_urdf
-from .ignored import COLLISIONS, LIMITS, Ignored
+from .ignored import Ignored
 from .joints import AS_WRITTEN, replaced
 from .plausible import angles_of, inertias_of, limits_of, warn_of_degrees, warn_of_inertias, warn_of_limits
 from .reading import LARGEST, Node, RobotFile, parsed, read_bytes, require_known, text
@@ -103,7 +104,7 @@ def _ignored(raw: Element) -> Ignored:
     for joint in raw.findall("joint"):
         limit = joint.find("limit")
         bounded = joint.get("type") in ("revolute", "prismatic") and limit is not None
-        ignored.add(LIMITS, bounded and any(limit.get(end) for end in ("lower", "upper")))
+        ignored.add(WATCHED, bounded and any(limit.get(end) for end in ("lower", "upper")))
         ignored.add("safety controller", joint.find("safety_controller") is not None)
         ignored.add_unknown(joint, (*_JOINT, *HARMLESS), "joints")
     count_extensions(raw, ignored)

@@ -28,13 +28,14 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import FormatError, MissingExtraError, warn
+from ..mechanism.file_laws import COLLISIONS, STATIC, WATCHED
 from ..mechanism.forces import Actuator, Wrench
 from ..mechanism.joint_constraints import Coupling
 from ..mechanism.loops import Loop, unit
 from . import solids
 from .extensions import unique
 from .graph import WORLD, Axis, Body, Joint, JointGraph, Scene, build
-from .ignored import COLLISIONS, LIMITS, Ignored
+from .ignored import Ignored
 from .plausible import moving_inertias, warn_of_inertias
 from .reading import LARGEST, RobotFile, located, read_bytes, short_repr, text
 from .urdf import add_visual, fixed_links
@@ -296,7 +297,7 @@ class _Stage:
             body = self._body_of(prim)
             if enabled is False:
                 continue
-            self.counted.add(COLLISIONS if body else f"static {COLLISIONS}")
+            self.counted.add(COLLISIONS if body else STATIC)
             if body:
                 solid = self._solid(prim, self._of(body).inverse().homogeneous)
                 if solid is not None:
@@ -413,7 +414,7 @@ class _Stage:
             return None
         axes = self._axes(prim, kind)
         if any(math.isfinite(each) for axis in axes for each in (axis.lower, axis.upper)):
-            self.counted.add(LIMITS)
+            self.counted.add(WATCHED)
         there = [pose if body == WORLD else self._of(body) * pose for body, pose in ends]
         axes = _started(axes, there[0].actInv(there[1]))
         cut = bool(_value(joint.GetExcludeFromArticulationAttr()))

@@ -26,12 +26,13 @@ import pinocchio as pin
 
 from ..errors import FormatError, warn
 from ..mechanism.checks import near
+from ..mechanism.file_laws import COLLISIONS, STATIC, WATCHED
 from ..mechanism.forces import Actuator, JointSpring
 from ..mechanism.loops import unit
 from . import solids
 from .extensions import unique
 from .graph import WORLD, Axis, Body, Joint, JointGraph, Scene, build
-from .ignored import COLLISIONS, LIMITS, Ignored
+from .ignored import Ignored
 from .plausible import moving_inertias, warn_of_inertias
 from .reading import RobotFile, finite, read_bytes, short_repr, text
 from .urdf import add_visual, fixed_links
@@ -345,7 +346,7 @@ class _World:
             self.joints.append(make())
         for joint in self.joints:
             if any(math.isfinite(each) for axis in joint.axes for each in (axis.lower, axis.upper)):
-                self.counted.add(LIMITS)
+                self.counted.add(WATCHED)
 
     def _visit(self, node, carrier, pose, depth):
         """Add the bodies and joints of a node that `carrier` carries, whose parent has this pose."""
@@ -392,7 +393,7 @@ class _World:
                 self._visuals.append((carrier, self.bodies[carrier].pose.actInv(pose), child))
             self._visit(child, carrier, pose, depth + 1)
         if node.node("boundingObject") is not None:
-            self.counted.add(COLLISIONS if carrier != WORLD else f"static {COLLISIONS}")
+            self.counted.add(COLLISIONS if carrier != WORLD else STATIC)
 
     def _body(self, node, pose) -> str:
         name = unique(_name(node), self.bodies)

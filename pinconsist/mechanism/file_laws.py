@@ -12,8 +12,18 @@ from .contacts import DryFriction, Stop, limits_of
 
 LIMITS = ("watch", "stops", "off")
 FRICTION = ("smooth", "exact")
-WATCHED = "limits of {} (watched, not enforced)"  # the line about them in the list of what has no effect
+# Lines in the list of what has no effect
+WATCHED = "limits of {} (watched, not enforced)"
+COLLISIONS, COLLIDING, PAIR, FLOOR = "collision shape", "colliding geom", "contact pair", "floor"
+FREE_FRICTION = "free joint with frictionloss"
+STATIC = f"static {COLLISIONS}"
+ESSENTIAL = (FLOOR, STATIC, COLLIDING, PAIR, FREE_FRICTION)  # without them the motion is another one
 _LINE = re.compile("^" + re.escape(WATCHED).replace(r"\{\}", r"(\d+) joints?") + "$")
+
+
+def essential(lines) -> list[str]:
+    """Those of the lines about what has no effect without which the motion is another one: bodies fall through."""
+    return [line for line in lines if any(noun in line for noun in ESSENTIAL)]
 
 
 def with_limits(mech, limits):

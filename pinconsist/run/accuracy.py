@@ -89,6 +89,11 @@ class GlobalError:
         return "\n".join(lines)
 
 
+def above(value: float, bar: float) -> bool:
+    """Whether a figure is a concern: NaN is."""
+    return not value <= bar
+
+
 def figure(name: str, value: float, unit: str, looks: bool, about: str = "", digits: str = ".2e") -> str:
     """One line of a certificate; `looks` if the user should check it."""
     return f"{name:<20}{value:9{digits}} {unit:<6} {'look' if looks else 'ok':<4}  {about}".rstrip()

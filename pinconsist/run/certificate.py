@@ -1,31 +1,18 @@
-"""The certificate of a solution: its residuals, evaluated independently of the integration."""
+"""The certificate of a solution: its residuals, the verdict on them, and what to look at; certify.py evaluates them."""
 
-import re
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
-from ..engine.norms import largest
-from ..mechanism.branches import branch_times
-from ..mechanism.custom import Constraint
-from ..mechanism.energy import energy_of, event_energies
-from ..mechanism.forces.actuators import saturated
-from ..mechanism.forces.held import sided
-from ..mechanism.names import BeyondLimit, beyond_limits
-from ..mechanism.reactions import States, listed, not_determined, shared_loads, undetermined
-from ..mechanism.rows import Workspace
-from ..mechanism.system import MechanismSystem
-from .accuracy import OFF, GlobalError, accelerations, figure, global_error, measured, work_of
-from .contact_results import row_units, too_slow
-from .impact_errors import ImpactErrors, impact_errors, impact_errors_of
+from ..mechanism.file_laws import essential
+from ..mechanism.names import BeyondLimit
+from ..mechanism.reactions import listed, not_determined
+from .accuracy import OFF, GlobalError, above, figure
+from .impact_errors import ImpactErrors, impact_errors_of
 
 OPEN_LOOP = 1e-8  # m or rad, and m/s or rad/s: a loop with a larger gap is open
-UNCLEAR = 0.1 * OFF  # an energy balance that is off by more may be so because rows are few
-CONTACT = re.compile("floor|contact pair|colliding|static collision|frictionloss")
-"""What is not modelled and changes the motion: bodies would fall through."""
 FEW = 4.0  # times the uncertainty of the work: an energy balance that is not off by more shows nothing
-ROUNDED = 1e-6  # of the largest multiplier: smaller ones may be the error of the run
 SHOWN = 4  # joints outside of their limits
 
 
@@ -163,8 +150,8 @@ class Certificate:
         ends += [f"look at {', '.join(self._named_concerns)}"] if not self.ok else []
         ends += [f"not unique: forces of {listed(self.not_unique)}"] if self.not_unique else []
         ends += [f"not judged: {', '.join(self.not_judged)}"] if self.not_judged else []
-        touching = [what for what in self.not_modelled if CONTACT.search(what)]
-        ends += [f"not modelled: {', '.join(touching)}"] if touching else []
+        if missing := essential(self.not_modelled):
+            ends.append(f"not modelled: {', '.join(missing)}")
         return f"{', '.join(found)}: {'; '.join(ends)}"
 
     @property
@@ -184,8 +171,8 @@ class Certificate:
             lines = [
                 figure("loops closed to", self.position, self.units[0], "loops" in named, self.position_at),
                 figure("velocity residual", self.velocity, self.units[1], "velocities" in named),
-                figure("constraint forces", self.force, "", _above(self.force, OFF), "relative to the largest force"),
-                figure("  at the first step", self.force_first, "", _above(self.force_first, OFF)),
+                figure("constraint forces", self.force, "", above(self.force, OFF), "relative to the largest force"),
+                figure("  at the first step", self.force_first, "", above(self.force_first, OFF)),
             ]
         if self.not_unique:
             why = "redundant loops share their load, see sol.reaction(name)"
@@ -215,63 +202,125 @@ class Certificate:
     @property
     def _named_concerns(self) -> dict[str, str]:
         """Concerns: short form → sentence."""
-        found, advice = {}, "take a smaller step or a higher order" if self.fixed_step else "tighten rtol"
         if self.not_finite:
             return {"numbers": f"{self.not_finite} is not a finite number"}
+        found = {name: sentence for name, find in CONCERNS.items() if (sentence := find(self))}
+        return found | ({} if self.impacts is None else self.impacts.concerns)
+
+    @property
+    def _advice(self) -> str:
+        """What to try for smaller errors."""
         if self.ended_early:
-            advice = "the run could not continue, see its message"
-            found["the end"] = "the run ended early, see its message"
-        if _above(self.position, OPEN_LOOP):
-            found["loops"] = f"a loop is open by {self.position:.1e} {self.units[0]}".rstrip()
-        if _above(self.velocity, max(OFF * self.speed, OPEN_LOOP)):
-            found["velocities"] = f"the velocities open a loop by more than 1 % of the largest: {advice}"
-        if _above(self._of_forces, OFF):
-            found["forces"] = (
-                f"the constraint forces are off by more than 1 %: {advice}, or a force jumps within a step"
-            )
-        if self.energy_error is not None and _above(self.energy_error, OFF) and not self._too_few_rows:
-            found["energy"] = (
-                f"the energy balance is off by more than 1 %: {advice}, or a force or a drive jumps (restart there "
-                "by an event)"
-            )
-        if self.error is not None and self.error.amplified:
-            found["error"] = (
-                f"the error is {self.error.tolerances:.0f} times the tolerance: the motion amplifies perturbations, as "
-                f"chaotic motions do; {advice} until the accuracy suffices, or trust only the beginning of the run"
-            )
-        if self.impacts is not None:
-            found |= self.impacts.concerns
-        if self.undetermined:
-            found["undetermined forces"] = (
-                f"{not_determined(self.undetermined)}; the motion and the sum of Jᵀλ over all loops are correct. "
-                "mechanism.reduced() removes the redundant rows"
-            )
-        if self.beyond_limits:
-            names = [str(each) for each in self.beyond_limits[:SHOWN]]
-            names += [f"and {more} more"] if (more := len(self.beyond_limits) - SHOWN) > 0 else []
-            found["joint limits"] = f"joints exceed their limits, which are not enforced: {'; '.join(names)}"
-        if self.added:
-            gains = ", ".join(f"{name or 'without a name'} {share:.2g} times" for name, share in self.added.items())
-            found["events"] = (
-                "events set velocities that the constraints do not allow, and their projection adds energy; relative "
-                f"to the kinetic energy before: {gains}. Let apply return a mapping joint → velocity, or use an Impact"
-            )
-        if self.branches:
-            times = ", ".join(f"{t:.6g}" for t in self.branches[:SHOWN]) + ", …" * (len(self.branches) > SHOWN)
-            found["branches"] = (
-                f"the loops pass a singular configuration at t = {times} s, where branches of the motion meet: the run "
-                "continues straight on, but a small force or a small change of a length decides which branch is taken"
-            )
-        if self.pulling:
-            names = "; ".join(f"{name!r} from t = {t:.6g} s" for name, t in self.pulling.items())
-            found["unilateral constraints"] = (
-                f"constraints that can only push would have to pull: {names}; in reality the bodies separate there, "
-                "and the motion after that is different"
-            )
-        if self.saturated:
-            shares = ", ".join(f"{name} in {share:.0%} of the rows" for name, share in self.saturated.items())
-            found["actuators"] = f"actuators are at the limits of their commands or forces: {shares}"
-        return found
+            return "the run could not continue, see its message"
+        return "take a smaller step or a higher order" if self.fixed_step else "tighten rtol"
+
+
+def _early(of: Certificate) -> str:
+    return "the run ended early, see its message" if of.ended_early else ""
+
+
+def _open(of: Certificate) -> str:
+    return f"a loop is open by {of.position:.1e} {of.units[0]}".rstrip() if above(of.position, OPEN_LOOP) else ""
+
+
+def _opening(of: Certificate) -> str:
+    if not above(of.velocity, max(OFF * of.speed, OPEN_LOOP)):
+        return ""
+    return f"the velocities open a loop by more than 1 % of the largest: {of._advice}"
+
+
+def _forces_off(of: Certificate) -> str:
+    if not above(of._of_forces, OFF):
+        return ""
+    return f"the constraint forces are off by more than 1 %: {of._advice}, or a force jumps within a step"
+
+
+def _energy_off(of: Certificate) -> str:
+    if of.energy_error is None or not above(of.energy_error, OFF) or of._too_few_rows:
+        return ""
+    cause = "a force or a drive jumps (restart there by an event)"
+    return f"the energy balance is off by more than 1 %: {of._advice}, or {cause}"
+
+
+def _amplified(of: Certificate) -> str:
+    if of.error is None or not of.error.amplified:
+        return ""
+    return (
+        f"the error is {of.error.tolerances:.0f} times the tolerance: the motion amplifies perturbations, as chaotic "
+        f"motions do; {of._advice} until the accuracy suffices, or trust only the beginning of the run"
+    )
+
+
+def _undetermined(of: Certificate) -> str:
+    if not of.undetermined:
+        return ""
+    return (
+        f"{not_determined(of.undetermined)}; the motion and the sum of Jᵀλ over all loops are correct. "
+        "mechanism.reduced() removes the redundant rows"
+    )
+
+
+def _beyond(of: Certificate) -> str:
+    if not of.beyond_limits:
+        return ""
+    names = [str(each) for each in of.beyond_limits[:SHOWN]]
+    if (more := len(of.beyond_limits) - SHOWN) > 0:
+        names.append(f"and {more} more")
+    return f"joints exceed their limits, which are not enforced: {'; '.join(names)}"
+
+
+def _energy_added(of: Certificate) -> str:
+    if not of.added:
+        return ""
+    gains = ", ".join(f"{name or 'without a name'} {share:.2g} times" for name, share in of.added.items())
+    return (
+        "events set velocities that the constraints do not allow, and their projection adds energy; relative to the "
+        f"kinetic energy before: {gains}. Let apply return a mapping joint → velocity, or use an Impact"
+    )
+
+
+def _branching(of: Certificate) -> str:
+    if not of.branches:
+        return ""
+    times = ", ".join(f"{t:.6g}" for t in of.branches[:SHOWN]) + ", …" * (len(of.branches) > SHOWN)
+    return (
+        f"the loops pass a singular configuration at t = {times} s, where branches of the motion meet: the run "
+        "continues straight on, but a small force or a small change of a length decides which branch is taken"
+    )
+
+
+def _pulled(of: Certificate) -> str:
+    if not of.pulling:
+        return ""
+    names = "; ".join(f"{name!r} from t = {t:.6g} s" for name, t in of.pulling.items())
+    return (
+        f"constraints that can only push would have to pull: {names}; in reality the bodies separate there, and the "
+        "motion after that is different"
+    )
+
+
+def _clipped(of: Certificate) -> str:
+    if not of.saturated:
+        return ""
+    shares = ", ".join(f"{name} in {share:.0%} of the rows" for name, share in of.saturated.items())
+    return f"actuators are at the limits of their commands or forces: {shares}"
+
+
+CONCERNS: dict[str, Callable[[Certificate], str]] = {
+    "the end": _early,
+    "loops": _open,
+    "velocities": _opening,
+    "forces": _forces_off,
+    "energy": _energy_off,
+    "error": _amplified,
+    "undetermined forces": _undetermined,
+    "joint limits": _beyond,
+    "events": _energy_added,
+    "branches": _branching,
+    "unilateral constraints": _pulled,
+    "actuators": _clipped,
+}
+"""Short form → function that words the concern, or returns an empty text."""
 
 
 def plain(certificate: Certificate | None) -> dict | None:
@@ -295,171 +344,6 @@ def from_plain(data: dict | None) -> Certificate | None:
     )
 
 
-def _above(value: float, bar: float) -> bool:
-    """Whether a figure is a concern: NaN is."""
-    return not value <= bar
-
-
 def _short(value: float, unit: str = "") -> str:
     """A number in one digit, ``8e-15``."""
     return f"{float(f'{value:.0e}'):g} {unit}".replace("e-0", "e-").rstrip()
-
-
-def _not_finite(solution) -> str:
-    """The first number of the rows that is not finite, with its time; empty if all are."""
-    for name in ("q", "v", "lam"):
-        rows, columns = np.nonzero(~np.isfinite(getattr(solution, name)))
-        if len(rows):
-            return f"{name}[{columns[0]}] at t = {solution.t[rows[0]]:.6g} s"
-    return ""
-
-
-def _shared(solution, mechanism, system, workspace) -> dict[str, tuple[str, ...]]:
-    """What :attr:`Certificate.not_unique` is."""
-    t, q, v, lam = solution.t, solution.q, solution.v, solution.lam
-    if system.base.nc == system.rows.nc:
-        return {}
-
-    def motion(rows):
-        return v[rows], accelerations(mechanism, solution, sided(t)[rows], q[rows], v[rows])
-
-    return shared_loads(States(mechanism, t, q, lam, workspace, motion))
-
-
-def _sides(system, t, q, v):
-    """The times of rows on the sides of jumps to which they belong."""
-    return sided(t, len(t) > 1 and system.jumps_at(t[-1], q[-1], v[-1]))
-
-
-def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
-    """The certificate of a solution; `mechanism` is needed if the solution does not have its system.
-
-    `finer` is a :class:`~pinconsist.run.accuracy.FinerRun`, or None, and `missing` why.
-    """
-    system: Any = None if solution.system is None else solution.system.base
-    if unknown := _not_finite(solution):
-        return Certificate(*(np.nan, unknown, np.nan, np.nan, np.nan, None, None), not_finite=unknown)
-    if mechanism is not None:
-        system = MechanismSystem(mechanism, solution.q[0], solution.t[0])
-    elif isinstance(system, MechanismSystem):
-        mechanism = system.mechanism
-    workspace = None if mechanism is None else Workspace(system.model, system.workspace)
-    made = 1 + np.flatnonzero(solution.order > 0)  # by the method's own steps; with t_eval all rows count
-    compared = made if len(made) else slice(None)
-    t, q, v = solution.t, solution.q, solution.v
-    sides = _sides(system, t, q, v)
-    states = sides, q, v, solution.lam
-    phi, rho, forces, exact, found, acting = measured(system, states, workspace, solution.contacts)
-    phi, exact = np.abs(phi), exact[compared]
-    error = np.abs(forces[compared] - exact)
-    if solution.contacts is not None:  # friction without a direction
-        error[too_slow(mechanism, solution.contacts, sides, q, v)[compared]] = 0.0
-    position, where, units, scale = 0.0, "", ("", ""), max(largest(exact), acting) or 1.0
-    if phi.size:
-        i, row = np.unravel_index(np.argmax(phi), phi.shape)
-        position = float(phi[i, row])
-        if mechanism is None:
-            label = system.describe_row(row)
-        else:
-            if position > OPEN_LOOP and row < mechanism.nc:  # the compiled rows are valid near closed loops only
-                row = np.argmax(gaps := np.abs(system.loop_rows(solution.q[i], solution.t[i])[0]))
-                position = float(gaps[row])
-            what = "loop" if row < mechanism.nc else "contact"
-            label = f"{what} {{!r}} row {{}}".format(*mechanism.row_labels[row])
-            of_rows = row_units(mechanism)
-            units = of_rows[row], of_rows[np.argmax(np.abs(rho)) % rho.shape[1]]
-        where = f"{label} at t = {solution.t[i]:.6g} s"
-    energy = None if mechanism is None else energy_of(solution, mechanism, workspace, system, found)
-    seen = _seen(solution, finer)
-    impacts, apart = None, False
-    if finer is not None and solution.contacts is not None:
-        impacts, apart = impact_errors(solution, finer)
-    balance, work_error = 0.0, 0.0
-    if energy is not None:
-        balance, work_error = _balance(solution, energy, finer, lambda: solution.energy(mechanism))
-    return Certificate(
-        position=position,
-        position_at=where,
-        units=(units[0], units[1] and f"{units[1]}/s"),
-        speed=float(largest(v)),
-        velocity=float(largest(rho)),
-        force=float(np.max(error, initial=0.0) / scale),
-        force_first=float(np.max(error[:1], initial=0.0) / scale),
-        energy_error=None if energy is None else balance,
-        work_error=work_error,
-        energy=None if energy is None else energy.total,
-        undetermined={} if mechanism is None else undetermined(mechanism, t, q, system.rows),
-        not_unique={} if mechanism is None else _shared(solution, mechanism, system, workspace),
-        beyond_limits=() if mechanism is None else beyond_limits(mechanism, *seen[:2]),
-        corrected_by=0.0 if mechanism is None else mechanism.corrected_by,
-        fixed_step=solution.method.get("step") is not None,
-        ended_early=solution.status < 0,
-        saturated={} if mechanism is None else saturated(mechanism, *seen[:3]),
-        error=None if finer is None else global_error(solution, finer, apart),
-        error_missing=missing,
-        added=_added(solution, energy, system),
-        branches=_branches(solution, system, finer) if finer is not None or missing else (),
-        pulling={} if mechanism is None else _pulling(mechanism, system.rows, seen[0], seen[3]),
-        not_modelled=() if mechanism is None else mechanism.ignored,
-        impacts=impacts,
-        impacts_of_run=0 if solution.contacts is None else len(solution.contacts.impacts),
-    )
-
-
-def _seen(solution, finer):
-    """t, q, v and λ of the rows and, in long steps between them, of the finer run."""
-    rows = solution.t, solution.q, solution.v, solution.lam
-    if finer is None:
-        return rows
-    both = [np.concatenate(pair) for pair in zip(rows, (finer.t, finer.q, finer.v, finer.lam), strict=True)]
-    order = np.argsort(both[0] if solution.t[-1] >= solution.t[0] else -both[0], kind="stable")
-    return [column[order] for column in both]
-
-
-def _pulling(mechanism, rows, t, lam) -> dict[str, float]:
-    """What :attr:`Certificate.pulling` is; multipliers that are rounding do not count."""
-    found = {}
-    for loop in mechanism.loops:
-        if isinstance(loop, Constraint) and loop.unilateral:
-            its = lam[:, rows.slices[loop.name]].min(axis=1)
-            pulls = np.flatnonzero(its < -ROUNDED * largest(lam))
-            if len(pulls):
-                found[loop.name] = float(t[pulls[0]])
-    return found
-
-
-def _added(solution, energy, system) -> dict[str, float]:
-    """What :attr:`Certificate.added` is."""
-    found: dict[str, float] = {}
-    if energy is None or not any(each.altered for each in solution._changes):
-        return found
-    _, (before, after), kinetic = event_energies(solution, system.forces, Workspace(system.model))
-    gains = (after - before) * (1.0 if solution.t[-1] >= solution.t[0] else -1.0)
-    for each, gain, size in zip(solution._changes, gains, kinetic, strict=True):
-        if each.altered and gain > OFF * energy.exchanged:
-            found[each.name] = max(found.get(each.name, 0.0), float(gain / size) if size else np.inf)
-    return found
-
-
-def _branches(solution, system, finer) -> tuple[float, ...]:
-    if not isinstance(system, MechanismSystem):
-        return ()
-    return branch_times(system, solution.t, solution.q) if finer is None else branch_times(system, finer.t, finer.q)
-
-
-def _balance(solution, energy, finer, by_states):
-    """The error of the energy balance, and that of the work in it.
-
-    Where rows are few, the work is that along the finer run, or ``by_states()``, which returns the energies with the
-    work by states between the rows.
-    """
-    balance = energy.balance_error
-    if not _above(balance, UNCLEAR):
-        return balance, 0.0
-    if finer is not None and not (np.diff(solution.t) == 0.0).any():
-        total = energy.total[finer.rows]
-        work, uncertain = work_of(finer)
-        balance = replace(energy, error=total - total[0] - work).balance_error
-        return balance, replace(energy, error=uncertain).balance_error if _above(balance, UNCLEAR) else 0.0
-    energy = by_states()
-    return energy.balance_error, energy.work_error

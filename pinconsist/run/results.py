@@ -325,7 +325,7 @@ class ByName:
         redundant loops share, see :class:`Reaction`. `mechanism` is as in :meth:`check`. Raises MissingExtraError
         without pandas, and InputError for other names.
         """
-        return _dataframe(*self._table(mechanism, forces))
+        return _dataframe(*self._table("to_dataframe", mechanism, forces))
 
     def to_csv(self, file, mechanism=None, *, forces=()) -> Path:
         """Write the table of :meth:`to_dataframe` with units, ``v.crank [rad/s]``, to a CSV `file` and return its path.
@@ -333,20 +333,20 @@ class ByName:
         Forces shared by redundant loops have the column name ``lam.hinge.x [N; not unique]``. The file is written
         atomically; `mechanism` and `forces` are as in :meth:`to_dataframe`. Raises OSError if that fails.
         """
-        names, units, values, shared = self._table(mechanism, forces)
+        names, units, values, shared = self._table("to_csv", mechanism, forces)
         for i, name in enumerate(names):
             if name in shared:
                 units[i] = f"{units[i]}; not unique".lstrip("; ")
         return write_csv(file, names, units, values)
 
-    def _table(self, mechanism, forces):
+    def _table(self, method, mechanism, forces):
         """(names, units, values, names of those that are not unique) of the columns."""
         general = mechanism is None and self.system is not None and self.mechanism is None
         values = [self.t[:, None], self.q, self.v, *([] if general else [None]), self.lam]
         if general:
             names = [f"{part}[{i}]" for part in ("q", "v", "lam") for i in range(getattr(self, part).shape[1])]
             return ["t", *names], ["s", *[""] * len(names)], np.hstack(values), []
-        mechanism = self._mechanism(mechanism, "to_csv")
+        mechanism = self._mechanism(mechanism, method)
         model, rows, values[3] = mechanism.model, mechanism.row_labels, self.acceleration(None, mechanism)
         names = ["t", *(f"q.{name}" for name in position_names(model))]
         names += [f"{part}.{name}" for part in "va" for name in velocity_names(model)]
@@ -359,7 +359,7 @@ class ByName:
             names.append(column)
             units.append(unit)
             values.append(part[:, None])
-        shared = [of_rows[i] for i in shared_rows(self._states(mechanism, "to_csv"))]
+        shared = [of_rows[i] for i in shared_rows(self._states(mechanism, method))]
         for name in several(forces):
             for column, unit, part, unique in self._columns_of(name, mechanism):
                 names.append(column)

@@ -19,7 +19,8 @@ from ..mechanism.mechanism import Mechanism
 from ..mechanism.reactions import JointForce, Reaction, States, joint_force, reaction
 from ..mechanism.rows import Workspace
 from .accuracy import FINER_TIME, GlobalError, NotEstimatedError, accelerations, finer_run
-from .certificate import Certificate, certify
+from .certificate import Certificate
+from .certify import certify
 from .contact_results import ContactHistory
 from .quantities import Quantity, Series
 from .results import ByName

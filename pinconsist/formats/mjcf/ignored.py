@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from ...mechanism.file_laws import COLLIDING, FLOOR, FREE_FRICTION, PAIR, WATCHED
 from ..ground import Plane, Solid
-from ..ignored import LIMITS, Ignored
+from ..ignored import Ignored
 from .model import pose
 
 _PLANE, _HFIELD = 0, 1
@@ -51,16 +52,16 @@ def counted(m, off) -> Ignored:
     if "constraint" in off:
         return ignored
     if "contact" not in off:
-        ignored.add("contact pair", m.npair)
+        ignored.add(PAIR, m.npair)
         for kind, touching in zip(m.geom_type, _touching(m), strict=True):
             if touching:
-                ignored.add("floor" if kind in (_PLANE, _HFIELD) else "colliding geom")
+                ignored.add(FLOOR if kind in (_PLANE, _HFIELD) else COLLIDING)
     if "limit" not in off:
-        ignored.add(LIMITS, int(np.count_nonzero(m.jnt_limited)))
+        ignored.add(WATCHED, int(np.count_nonzero(m.jnt_limited)))
         ignored.add("limited tendon", int(np.count_nonzero(m.tendon_limited)))
     if "frictionloss" not in off:
         rubs = m.dof_frictionloss[m.jnt_dofadr] * (m.jnt_type == _FREE)
-        ignored.add("free joint with frictionloss", int(np.count_nonzero(rubs)))
+        ignored.add(FREE_FRICTION, int(np.count_nonzero(rubs)))
     ignored.add("plugin", m.nplugin)
     return ignored
 

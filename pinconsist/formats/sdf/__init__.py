@@ -30,6 +30,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import FormatError, warn
+from ...mechanism.file_laws import COLLISIONS, FLOOR, STATIC, WATCHED
 from ...mechanism.forces import JointSpring, Wrench
 from .. import drake, gazebo
 from ..closures import Closure
@@ -37,7 +38,7 @@ from ..extensions import Names, left_out, sorted_records
 from ..grammar import SDF, count_unknown
 from ..graph import JointGraph, build, couplings
 from ..ground import Plane, Solid
-from ..ignored import COLLISIONS, LIMITS, Ignored
+from ..ignored import Ignored
 from ..plausible import inertias_of, warn_of_inertias
 from ..reading import DRAKE, RobotFile, closing, finite, parsed, read_bytes, refuse, short_repr, text
 from ..urdf import INERTIA, SHAPES, add_visual, checked, fixed_links, symmetric
@@ -201,8 +202,8 @@ def _ignored(raw: Element, ignored: Ignored) -> Ignored:
     for link in raw.iter("link"):
         shapes = link.findall("collision")
         floors = sum(shape.find("geometry/plane") is not None for shape in shapes)
-        ignored.add(f"static {COLLISIONS}" if link in fixed else COLLISIONS, len(shapes) - floors)
-        ignored.add("floor", floors)
+        ignored.add(STATIC if link in fixed else COLLISIONS, len(shapes) - floors)
+        ignored.add(FLOOR, floors)
         ignored.add("link in the wind", link.findtext("enable_wind", "").strip() in ("1", "true"))
         ignored.add_unknown([each for each in link if "}" in str(each.tag)], (), "links")
     for joint in raw.iter("joint"):
@@ -211,7 +212,7 @@ def _ignored(raw: Element, ignored: Ignored) -> Ignored:
             abs(finite(limit.findtext(end), INFINITE) or 0.0) < INFINITE
             for limit in limits for end in ("lower", "upper") if finite(limit.findtext(end), INFINITE) is not None
         )  # fmt: skip
-        ignored.add(LIMITS, bounded and joint.get("type") not in ("continuous", "fixed", "ball"))
+        ignored.add(WATCHED, bounded and joint.get("type") not in ("continuous", "fixed", "ball"))
         ignored.add("joint <physics>", joint.find("physics/ode") is not None)
         extensions = [each for each in joint if "}" in str(each.tag)]
         ignored.add_unknown(extensions, (DRAKE + "rotor_inertia", DRAKE + "gear_ratio"), "joints")

@@ -11,6 +11,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
 
 from ...errors import FormatError
+from ...mechanism.file_laws import FLOOR
 from ..ignored import Ignored
 from ..reading import located, parsed, read_bytes, short_repr
 
@@ -51,7 +52,7 @@ class Includes:
             self._ignored.add(f"include of {last[:40]!r} (left out)")
             return None
         if last in _WITHOUT_BODIES:
-            self._ignored.add("floor", last != "sun")
+            self._ignored.add(FLOOR, last != "sun")
             return None
         with located(element=element):
             if include.get("merge", "false").strip() in ("true", "1"):
