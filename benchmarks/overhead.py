@@ -14,6 +14,7 @@ from scipy.linalg.lapack import dgesv
 from pinconsist import assemble, load, simulate
 from pinconsist.cli import output
 from pinconsist.cli.scene import option
+from pinconsist.mechanism.rows import AnchoredRows
 from pinconsist.mechanism.system import MechanismSystem
 from pinconsist.run.options import Options
 from pinconsist.run.steppers import stepper_for
@@ -65,7 +66,10 @@ def overhead(scene=SCENE, tolerances=(1e-6, 1e-7, 1e-8), repeats=9) -> list[Over
 def _bare_calls(system, q, count=2000) -> tuple[float, float]:
     """Seconds that Pinocchio's calls of one residual take, and the same with derivatives and LAPACK's solution."""
     model, data, v, a = system.model, system.data, np.ones(system.nv), np.ones(system.nv)
-    pairs = [constraint[:2] for of_loop in system.kept_rows.pinocchios for constraint in of_loop]
+    closures = [each for each in system.rows.closures if isinstance(each, AnchoredRows)]
+    ends = [(each.joint1, each.place1, each.joint2, each.place2) for each in closures]
+    constraints = [pin.PointAnchorConstraintModel(model, *each) for each in ends]
+    pairs = [(constraint, constraint.createData()) for constraint in constraints]
     matrix = np.asfortranarray(np.eye(system.nv + system.nc) + 0.1)
     sides = np.ones((len(matrix), 3), order="F")
     start = time.perf_counter()

@@ -169,8 +169,8 @@ def test_the_method_knows_numpy_and_scipy_only(name):
     assert not foreign, f"{name} imports {foreign}"
 
 
-def test_only_the_mechanism_files_of_the_loops_name_pinocchios_constraints():
-    """The classes that users' kinds of loops map to are named in rows.py, contact models in rigid.py."""
+def test_only_one_file_names_pinocchios_constraints():
+    """Of contacts, in rigid.py; loops have rows of their own."""
     named = {}
     for name in FILES:
         tree = tree_of(name)
@@ -179,9 +179,7 @@ def test_only_the_mechanism_files_of_the_loops_name_pinocchios_constraints():
         found -= {"Constraint", "ConstraintRows"}  # the users' own Φ, mechanism/custom.py
         if found:
             named[name] = found
-    assert set(named) <= {"mechanism/rows.py", "mechanism/rigid.py"}, named
-    anchors = {name for name, found in named.items() if any("Anchor" in each for each in found)}
-    assert anchors == {"mechanism/rows.py"}
+    assert set(named) <= {"mechanism/rigid.py"}, named
 
 
 @pytest.mark.parametrize("name", [name for name in FILES if part_of(name) != "cli"])

@@ -11,6 +11,7 @@ from helpers.loops import KINDS, PAIRS, closed_gap, loop_of, loop_open_by
 
 import pinconsist as pc
 from pinconsist.engine.charts import chart_matrix
+from pinconsist.engine.systems import blank_system
 from pinconsist.mechanism.loops import ROW_NAMES
 from pinconsist.mechanism.rows import KeptRows, LoopRows
 from pinconsist.mechanism.system import MechanismSystem
@@ -19,10 +20,7 @@ TRANSLATIONAL = {"distance": 1, "slider": 2, "cylinder": 2, "plane": 1}  # leadi
 
 
 def evaluate(rows, q):
-    data = rows.model.createData()
-    pin.computeJointJacobians(rows.model, data, q)
-    phi, J = rows.evaluate(data)
-    return np.array(phi), np.array(J)
+    return rows.at(q)
 
 
 def along_motion(model, rows, q, v, step=1e-4):
@@ -32,9 +30,7 @@ def along_motion(model, rows, q, v, step=1e-4):
 
 
 def bias_of(rows, q, v):
-    data = rows.model.createData()
-    pin.forwardKinematics(rows.model, data, q, v, np.zeros(rows.model.nv))
-    return rows.acceleration_bias(data)
+    return rows.acceleration_bias(0.0, q, v)
 
 
 @pytest.mark.parametrize("pair", PAIRS, ids="-".join)
@@ -136,14 +132,14 @@ def test_kept_rows_are_the_exact_rows_where_the_loop_is_closed(kind, pair):
     """Every selection of rows; and their Φ has J for its derivative there, which is what Newton needs."""
     model, rng = mixed_tree(), np.random.default_rng(11)
     q, _ = random_state(model, rng)
-    rows, data = LoopRows(model, [loop_open_by(model, q, kind, *pair, closed_gap(kind, rng))]), model.createData()
+    rows = LoopRows(model, [loop_open_by(model, q, kind, *pair, closed_gap(kind, rng))])
     exact = evaluate(rows, q)
     for kept in (kept for n in range(1, rows.nc + 1) for kept in combinations(range(rows.nc), n)):
-        kept_rows = KeptRows(model, rows, np.array(kept))
+        compiled = blank_system(model)
+        KeptRows(rows, np.array(kept)).hand_over(compiled)
 
-        def at(x, kept_rows=kept_rows):
-            pin.computeJointJacobians(model, data, p := pin.integrate(model, q, x))
-            return kept_rows.evaluate(data, p, 0.0)
+        def at(x, compiled=compiled):
+            return compiled.rows(pin.integrate(model, q, x))
 
         phi, J = at(np.zeros(model.nv))
         np.testing.assert_allclose(phi, exact[0][list(kept)], atol=1e-13)
@@ -155,7 +151,6 @@ def test_kept_rows_are_the_exact_rows_where_the_loop_is_closed(kind, pair):
 
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_loops_together_are_the_loops_one_by_one(count):
-    """Several points take Pinocchio's own path, mixed kinds the general one: the same rows."""
     model, rng = mixed_tree(), np.random.default_rng(6)
     points = [loop_of("point", *pair) for pair in PAIRS[:count]]
     kinds = ("hinge", "point", "distance", "frame", "point")
@@ -179,16 +174,10 @@ def test_loops_together_are_the_loops_one_by_one(count):
 def test_returned_rows_survive_the_next_evaluation(kinds):
     model, rng = mixed_tree(), np.random.default_rng(7)
     rows = LoopRows(model, [loop_of(kind, *pair) for kind, pair in zip(kinds, PAIRS, strict=False)])
-    data = model.createData()
-
-    def at(q):
-        pin.computeJointJacobians(model, data, q)
-        return rows.evaluate(data)
-
     first, second = random_state(model, rng)[0], random_state(model, rng)[0]
-    phi, J = at(first)
+    phi, J = rows.at(first)
     kept_phi, kept_J = phi.copy(), J.copy()
-    other_phi, _ = at(second)
+    other_phi, _ = rows.at(second)
     assert np.abs(other_phi - kept_phi).max() > 1e-3
     np.testing.assert_array_equal(phi, kept_phi)
     np.testing.assert_array_equal(J, kept_J)

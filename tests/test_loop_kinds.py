@@ -10,6 +10,7 @@ from helpers.held_bodies import AXIS, AXIS2, JOINTS, LENGTH, E, as_loop, as_tree
 from scipy.integrate import solve_ivp
 
 import pinconsist as pc
+from pinconsist.engine.systems import blank_system
 from pinconsist.mechanism.rows import KeptRows, LoopRows
 
 TIGHT = {"rtol": 1e-9, "atol": 1e-9}
@@ -361,7 +362,7 @@ def test_derivatives_of_ones_own_constraint(given):
         return np.array([p @ p * np.cos(2 * t), np.sin(p[0] + t) - 0.3 * p[2]])
 
     def evaluate(rows, t, q):
-        return rows.evaluate(model.createData(), q, t)
+        return rows.at(q, t)
 
     def central(f, step=1e-4):
         return (f(-2 * step) - 8 * f(-step) + 8 * f(step) - f(2 * step)) / (12 * step)
@@ -381,7 +382,7 @@ def test_derivatives_of_ones_own_constraint(given):
         there = pin.integrate(model, q, s * v)
         return evaluate(rows, t + s, there)[1] @ v + rows.time_rate(t + s, there)
 
-    bias = rows.acceleration_bias(model.createData(), t, q, v)
+    bias = rows.acceleration_bias(t, q, v)
     np.testing.assert_allclose(bias, central(velocity), atol=1e-7)
 
 
@@ -477,13 +478,14 @@ def _own(t, q):
 def test_fast_and_exact_rows_stand_in_their_order():
     """Where the rows are those of d, or no anchor has any, KeptRows and LoopRows agree also while loops are open."""
     mech, q, _ = everything()
-    rows, data, rng = LoopRows(mech.model, mech.loops), mech.model.createData(), np.random.default_rng(7)
-    pin.computeJointJacobians(mech.model, data, q)
-    phi, J = rows.evaluate(data, q, 0.3)
+    rows, rng = LoopRows(mech.model, mech.loops), np.random.default_rng(7)
+    phi, J = rows.at(q, 0.3)
     open_too = [i for i, (_, row) in enumerate(rows.labels) if row[:4] not in ("tilt", "rx", "ry", "rz")]
     for _ in range(30):
         kept = np.sort(rng.choice(open_too, rng.integers(1, len(open_too) + 1), replace=False))
-        own_phi, own_J = KeptRows(mech.model, rows, kept).evaluate(data, q, 0.3)
+        compiled = blank_system(mech.model)
+        KeptRows(rows, kept).hand_over(compiled)
+        own_phi, own_J = compiled.rows(q, 0.3)
         np.testing.assert_allclose(own_phi, phi[kept], atol=1e-13)
         np.testing.assert_allclose(own_J, J[kept], atol=1e-13)
 
@@ -501,11 +503,8 @@ def test_every_record_pickles_with_its_mechanism():
 
 
 def _rows_at(mech, q, v):
-    rows, data = LoopRows(mech.model, mech.loops), mech.model.createData()
-    pin.computeJointJacobians(mech.model, data, q)
-    phi, J = rows.evaluate(data, q, 0.2)
-    pin.forwardKinematics(mech.model, data, q, v, 0 * v)
-    return phi, J, rows.time_rate(0.2, q), rows.acceleration_bias(data, 0.2, q, v)
+    rows = LoopRows(mech.model, mech.loops)
+    return *rows.at(q, 0.2), rows.time_rate(0.2, q), rows.acceleration_bias(0.2, q, v)
 
 
 AXES = {

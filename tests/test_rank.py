@@ -1,5 +1,6 @@
 """Kept rows do not depend on the size of a mechanism, and a loop that opens is never a success."""
 
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from types import SimpleNamespace
 
@@ -104,10 +105,20 @@ def test_rows_are_chosen_again_on_the_way_and_nothing_jumps():
         np.testing.assert_allclose(lam, sol.lam[i], atol=1e-7 * np.abs(sol.lam).max())
 
 
-def test_rows_are_built_once_and_evaluated_apart():
-    """Two threads may evaluate the rows of one mechanism."""
-    (one,), (other,) = (LoopRows.of(mech).closures for mech in [pc.load("four_bar")] * 2)
-    assert one.constraint is other.constraint and one.constraint_data is not other.constraint_data
+def test_several_threads_evaluate_the_rows_of_one_mechanism():
+    mech, rng = pc.load("four_bar"), np.random.default_rng(0)
+    mech = mech.add_loops(pc.Constraint("own", lambda t, q: np.array([np.sin(q).sum()]), 1))
+    places = rng.uniform(-1.0, 1.0, (40, mech.nq))
+    alone = [LoopRows.of(mech).at(q) for q in places]
+
+    def all_of_them(_):
+        rows = LoopRows.of(mech)
+        return [rows.at(q) for q in places]
+
+    with ThreadPoolExecutor(4) as pool:
+        for found in pool.map(all_of_them, range(8)):
+            for (phi, J), (own_phi, own_J) in zip(found, alone, strict=True):
+                assert np.array_equal(phi, own_phi) and np.array_equal(J, own_J)
 
 
 def test_a_start_is_closed_and_ranked_once(monkeypatch):
@@ -174,11 +185,10 @@ def test_redundant_rows_that_all_move():
 def test_a_constraint_of_ones_own_that_repeats_a_loop_is_evaluated_while_its_rows_are_left_out():
     """A run without functions of Python among the rows that it keeps, but among those whose choice it watches."""
     mech = pc.load("four_bar")
-    rows, data = LoopRows.of(mech), mech.model.createData()
+    rows = LoopRows.of(mech)
 
     def again(t, q):
-        pin.computeJointJacobians(mech.model, data, q)
-        return rows.evaluate(data, q, t)[0]
+        return rows.at(np.array(q), t)[0]
 
     doubled = pc.simulate(mech.add_loops(pc.Constraint("again", again, 5)), (0.0, 0.5))
     assert doubled.success

@@ -103,5 +103,5 @@ class Coordinates:
 def all_rows_of(mechanism):
     """The compiled rows of all loops, without forces: ``rows(q)`` returns Φ and J, near closed configurations."""
     rows, compiled = LoopRows.of(mechanism), blank_system(mechanism.model)
-    KeptRows(mechanism.model, rows, np.arange(rows.nc)).hand_over(compiled)
+    KeptRows(rows, np.arange(rows.nc)).hand_over(compiled)
     return compiled

@@ -14,7 +14,7 @@ from ..mechanism.names import joints_in
 from ..mechanism.rank import dependencies
 from ..mechanism.reactions import HasReactions
 from ..mechanism.system import MechanismSystem
-from .variations import Derivatives, Locked, TangentSpace, Varied, bias, closed_near, of_state, step_sizes
+from .variations import Derivatives, Locked, TangentSpace, Varied, closed_near, of_state, step_sizes
 
 WIDEST = 0.05  # rad, or lengths of the mechanism: largest error of a prediction; otherwise the step is halved
 HALVINGS = 30
@@ -141,7 +141,7 @@ def _state(system, t, q):
             names=twice,
         )
     v = -space.P @ system.rows.time_rate(t, q)
-    a = -space.P @ bias(system, t, q, v)
+    a = -space.P @ system.rows.acceleration_bias(t, q, v)
     return t, q, v, a, space.multipliers(pin.rnea(system.model, system.data, q, v, a) - system.torque(t, q, v))
 
 

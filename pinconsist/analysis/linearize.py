@@ -20,7 +20,6 @@ from .variations import (
     Locked,
     TangentSpace,
     Varied,
-    bias,
     by_position,
     by_velocity,
     of_state,
@@ -200,7 +199,7 @@ def linearize(mechanism, q0=None, v0=None, *, forces=(), t: float = 0.0) -> Line
 def _acceleration(system, space, t, q, v, M):
     """(a, λ, size of the forces) of the equations of motion; M may be singular."""
     Z = space.Z
-    given = -space.P @ bias(system, t, q, v)
+    given = -space.P @ system.rows.acceleration_bias(t, q, v)
     push = pin.nonLinearEffects(system.model, system.data, q, v) - system.torque(t, q, v)
     inertia, motions = np.linalg.eigh(Z.T @ M @ Z)
     load = motions.T @ (Z.T @ (push + M @ given))

@@ -121,17 +121,11 @@ def rates_of_loops(system, t, q, v, a, Z):
 
     def rates(x):
         J = system.loop_rows(x, t)[1]
-        return np.concatenate((J @ v + system.rows.time_rate(t, x), J @ a + bias(system, t, x, v)))
+        return np.concatenate((J @ v + system.rows.time_rate(t, x), J @ a + system.rows.acceleration_bias(t, x, v)))
 
     widths = np.maximum(np.abs(v), step_sizes(system, q))  # γ is quadratic in v: exact for any step
-    by_v = along(lambda dv: bias(system, t, q, v + dv), np.eye(system.nv), widths)
+    by_v = along(lambda dv: system.rows.acceleration_bias(t, q, v + dv), np.eye(system.nv), widths)
     return *np.split(along_places(rates, system, q, Z), 2), by_v
-
-
-def bias(system, t, q, v) -> np.ndarray:
-    """γ of all rows, shape (nc,): the loops allow the accelerations with J a + γ = 0."""
-    pin.forwardKinematics(system.model, system.data, q, v, np.zeros(system.nv))
-    return system.rows.acceleration_bias(system.data, t, q, v)
 
 
 def closed_near(system, t, q):
@@ -199,7 +193,7 @@ def of_state(varied, t, q, v, a, lam, still=True):
     def residuals(system):
         phi, J = system.loop_rows(q, t)
         r = pin.rnea(system.model, system.data, q, v, a) - system.torque(t, q, v) - J.T @ lam
-        return r, phi, J @ v + system.rows.time_rate(t, q), J @ a + bias(system, t, q, v)
+        return r, phi, J @ v + system.rows.time_rate(t, q), J @ a + system.rows.acceleration_bias(t, q, v)
 
     def beside(mechanism, _):
         return np.concatenate(residuals(MechanismSystem(mechanism, q, t, like=system)))

@@ -55,6 +55,7 @@ using Pose = Eigen::Matrix4d;
 using Place = std::array<int, 3>;     // of a joint: Coordinate
 using Numbers = std::array<double, 5>; // of a Motion
 using Range = std::pair<double, double>;
+using Shares = std::vector<std::pair<Place, double>>; // of joints in a sum
 
 // Independent rows first, and how far each is from a combination of those before it. Of rows that are equally far the
 // first one is taken, whatever rounding says.
@@ -87,6 +88,14 @@ nb::handle lapack_loader; // let go at the end of the process
 SE3 taken(const Pose &pose) { return SE3(Matrix3d(pose.topLeftCorner<3, 3>()), Vector3d(pose.topRightCorner<3, 1>())); }
 Motion taken(const Numbers &n) { return {n[0], n[1], n[2], n[3], n[4]}; }
 Coordinate taken(const Place &n) { return {n[0], n[1], n[2] != 0}; }
+Sum taken(const Shares &shares) {
+  Sum sum;
+  for (const auto &[joint, share] : shares) {
+    sum.joints.push_back(taken(joint));
+    sum.shares.push_back(share);
+  }
+  return sum;
+}
 template <class Other> const Other &taken(const Other &x) { return x; }
 
 template <class Part, class... Given> auto made(const MechanismSystem &s, const Given &...given) {
@@ -182,8 +191,10 @@ NB_MODULE(_engine, m) {
       .def("combine", &MechanismSystem::combine, "combination"_a)
       .def("aim", &MechanismSystem::aim, "t"_a, "p"_a, "v"_a)
       .def("add_distance", adds<DistanceRow, int, Pose, int, Pose, double>())
+      .def("add_turn", adds<TurnRows, int, Pose, int, Pose>())
+      .def("add_tilt", adds<TiltRows, int, Pose, int, Pose, Vector3d, Mat>())
       .def("add_drive", adds<DriveRow, Place, double, Numbers>())
-      .def("add_coupling", adds<CouplingRow, Place, Place, double, Vec>())
+      .def("add_coupling", adds<CouplingRow, Shares, Shares, double, Vec>())
       .def("add_python_rows",
            [](MechanismSystem &s, nb::object closure, std::vector<int> local, bool moving, double step) {
              s.add_rows(std::make_unique<PythonRows>(closure, std::move(local), moving, step));
@@ -219,9 +230,14 @@ NB_MODULE(_engine, m) {
              return nb::make_tuple(s.f, s.phi, s.W, s.rho);
            })
       .def("rows", // Φ and J
-           [](MechanismSystem &s, const Vec &p) {
-             s.constraint(0.0, p, Vec::Zero(s.nv));
+           [](MechanismSystem &s, const Vec &p, double t) {
+             s.constraint(t, p, Vec::Zero(s.nv));
              return nb::make_tuple(s.phi, s.W);
+           }, "p"_a, "t"_a = 0.0)
+      .def("constraint", // Φ and J v + Φ_t
+           [](MechanismSystem &s, double t, const Vec &p, const Vec &v) {
+             s.constraint(t, p, v);
+             return nb::make_tuple(s.phi, s.rho);
            })
       .def("dynamics", // M, inertial forces less τ, J and its rate times v
            [](MechanismSystem &s, double t, const Vec &p, const Vec &v) {

@@ -1,4 +1,9 @@
-// The same as KeptRows in mechanism/rows.py: Φ and J of the kept rows, near closed configurations.
+// The rows of loops: Φ, J and their rates; see mechanism/loops.py.
+//
+// Rows along fixed directions, of distances, drives and couplings are exact, also while a loop is open, as those of
+// turns and tilts are (TurnRows, TiltRows: assembly). Steps stay near closed configurations; there, rows that turn are
+// constant combinations of the position of a point, or of the logarithm of a pose (AnchoredRows), with the same zeros
+// and, in closed loops, the same J.
 #pragma once
 
 #include "rigid_bodies.hpp"
@@ -201,6 +206,86 @@ private:
   Mat matrix_;
 };
 
+// Rows of the rotation of anchor 2 relative to anchor 1, valid also while the loop is open. They are not stepped on.
+class RotationRows : public BetweenAnchors {
+protected:
+  using BetweenAnchors::BetweenAnchors;
+
+  Matrix3d relative(const Data &data) const {
+    return axes(data, joint1_, place1_).transpose() * axes(data, joint2_, place2_);
+  }
+  // J = G angular, with the derivatives of the rotation of body 2 relative to body 1, in the axes of anchor 1.
+  template <class Gradient> void fill(const Data &data, const Gradient &gradient, int at, Mat &J) const {
+    const Matrix3d to1 = axes(data, joint1_, place1_).transpose();
+    for (const auto &column : columns_)
+      J.col(column.index).segment(at, gradient.rows()) = gradient * (to1 * (column.sign * spin(data, column.index)));
+  }
+  // The spin of body 2 as seen from body 1, and its rate, in the axes of anchor 1.
+  std::pair<Vector3d, Vector3d> spinning(const Data &data) const {
+    const Moving m1(data, joint1_, place1_), m2(data, joint2_, place2_);
+    const Matrix3d to1 = axes(data, joint1_, place1_).transpose();
+    return {to1 * (m2.w - m1.w), to1 * (m2.b - m1.b - m1.w.cross(m2.w))};
+  }
+};
+
+// log R
+class TurnRows : public RotationRows {
+public:
+  TurnRows(const Model &model, int joint1, const SE3 &place1, int joint2, const SE3 &place2)
+      : RotationRows(model, joint1, place1, joint2, place2) {}
+
+  void evaluate(const Data &data, double, const Vec &, int at, Vec &phi, Mat &J) const override {
+    const Matrix3d R = relative(data);
+    Matrix3d slope;
+    pinocchio::Jlog3(R, slope);
+    phi.segment<3>(at) = pinocchio::log3(R);
+    fill(data, Matrix3d(slope * R.transpose()), at, J);
+  }
+  void add_bias(const Data &data, double, const Vec &, const Vec &, int at, Vec &bias) const override { // of closed loops
+    bias.segment<3>(at) += spinning(data).second;
+  }
+  int size() const override { return 3; }
+};
+
+// The chord between the axis a = R e of body 2 and e, 2 sin(angle/2), about two directions normal to e.
+//
+// The chord grows monotonically up to the antiparallel axis, which is therefore not a false solution. Its direction is
+// undetermined there; within TURNED of it, Φ and J are those at TURNED.
+class TiltRows : public RotationRows {
+public:
+  static constexpr double TURNED = 1e-6; // rad
+
+  TiltRows(const Model &model, int joint1, const SE3 &place1, int joint2, const SE3 &place2, const Vector3d &axis,
+           const Mat &directions)
+      : RotationRows(model, joint1, place1, joint2, place2), e_(axis), w_(directions) {}
+
+  void evaluate(const Data &data, double, const Vec &, int at, Vec &phi, Mat &J) const override {
+    const Vector3d a = relative(data) * e_;
+    Eigen::Vector2d tilt = w_ * a;
+    double z = 1.0 + e_.dot(a);
+    if (z < 0.5) { // no cancellation: |tilt|² = (1 + e·a)(1 − e·a)
+      const double size = tilt.norm();
+      if (size < TURNED) tilt = size > 0.0 ? Eigen::Vector2d(TURNED / size * tilt) : Eigen::Vector2d(TURNED, 0.0);
+      z = tilt.squaredNorm() / (1.0 - e_.dot(a));
+    }
+    const double s = std::sqrt(2.0 / z);
+    const Directions gradient = s * (w_ - tilt * e_.transpose() / (2.0 * z));
+    phi.segment<2>(at) = s * tilt;
+    fill(data, Directions(-gradient * pinocchio::skew(a)), at, J);
+  }
+  void add_bias(const Data &data, double, const Vec &, const Vec &, int at, Vec &bias) const override { // of closed loops
+    const auto [spin, rate] = spinning(data);
+    const Vector3d a = relative(data) * e_;
+    bias.segment<2>(at) += w_ * (spin.cross(spin.cross(a)) + rate.cross(a));
+  }
+  int size() const override { return 2; }
+
+private:
+  using Directions = Eigen::Matrix<double, 2, 3>;
+  Vector3d e_;
+  Directions w_;
+};
+
 // (|d|² − L²) / (2 L)
 class DistanceRow : public BetweenAnchors {
 public:
@@ -276,11 +361,31 @@ private:
   Motion curve_;
 };
 
-// q_joint − Σ law[i] q_otherⁱ
+// Σ share · q of some joints
+struct Sum {
+  std::vector<Coordinate> joints;
+  std::vector<double> shares;
+
+  double value(const Vec &p) const {
+    double sum = 0.0;
+    for (size_t i = 0; i < joints.size(); ++i) sum += shares[i] * joints[i].value(p);
+    return sum;
+  }
+  double speed(const Vec &v) const {
+    double sum = 0.0;
+    for (size_t i = 0; i < joints.size(); ++i) sum += shares[i] * v[joints[i].column];
+    return sum;
+  }
+  void add(double slope, int row, Mat &J) const {
+    for (size_t i = 0; i < joints.size(); ++i) J(row, joints[i].column) += slope * shares[i];
+  }
+};
+
+// q_joint − Σ law[i] q_otherⁱ, where each q is a sum of joints
 class CouplingRow : public Rows {
 public:
-  CouplingRow(Coordinate joint, Coordinate other, double period, Vec law)
-      : joint_(joint), other_(other), period_(period), law_(std::move(law)) {}
+  CouplingRow(Sum joint, Sum other, double period, Vec law)
+      : joint_(std::move(joint)), other_(std::move(other)), period_(period), law_(std::move(law)) {}
 
   void evaluate(const Data &, double, const Vec &p, int at, Vec &phi, Mat &J) const override {
     const double x = other_.value(p);
@@ -290,16 +395,17 @@ public:
       value = value * x + law_[i];
     }
     phi[at] = nearest(joint_.value(p) - value, period_);
-    J(at, joint_.column) = 1.0;
-    J(at, other_.column) = -slope;
+    joint_.add(1.0, at, J);
+    other_.add(-slope, at, J);
   }
   void add_bias(const Data &, double, const Vec &p, const Vec &v, int at, Vec &bias) const override {
-    const double rate = v[other_.column];
+    const double rate = other_.speed(v);
     bias[at] -= bend(p) * rate * rate;
   }
   bool add_gradients(const Data &, const Vec &p, const Vec &v, const Vec &lam, int at, Mat &F, Mat &H) const override {
-    F(other_.column, other_.column) -= lam[at] * bend(p);
-    if (H.size()) H(at, other_.column) -= bend(p) * v[other_.column];
+    const double bent = bend(p);
+    for (size_t i = 0; i < other_.joints.size(); ++i) other_.add(-lam[at] * bent * other_.shares[i], other_.joints[i].column, F);
+    if (H.size()) other_.add(-bent * other_.speed(v), at, H);
     return true;
   }
   int size() const override { return 1; }
@@ -312,7 +418,7 @@ private:
     return bend;
   }
 
-  Coordinate joint_, other_;
+  Sum joint_, other_;
   double period_;
   Vec law_;
 };

@@ -211,7 +211,8 @@ void bind_events(nb::module_ &m) {
       .def("add_cone", &ContactWatch::add_cone, "place"_a, "beside"_a, "friction"_a)
       .def("add_speed", &ContactWatch::add_speed, "row"_a, "direction"_a, "still"_a);
   nb::class_<KeptRows>(m, "KeptRows")
-      .def(nb::init<MechanismSystem &, std::vector<int>, const Vec &, double>(), "all"_a, "kept"_a, "scales"_a, "t"_a, nb::keep_alive<1, 2>());
+      .def(nb::init<MechanismSystem &, std::vector<int>, const Vec &, double>(), "all"_a, "kept"_a, "scales"_a, "t"_a, nb::keep_alive<1, 2>())
+      .def("poor", &KeptRows::poor, "p"_a);
   nb::class_<Events>(m, "Events")
       .def(nb::init<const nb::list &, nb::handle, nb::handle, std::vector<int>, int>(), "events"_a, "interrupted"_a, "finish"_a.none(), "places"_a, "number"_a)
       .def("enter_mode", &Events::enter_mode, "ends"_a, "contacts"_a)

@@ -22,6 +22,11 @@ def with_all_rows(system):
     return compiled
 
 
+def choice_of_rows(system, every):
+    """What tells whether the rows that a system keeps are a poor choice of all of them, those of `every`, compiled."""
+    return required().KeptRows(every, system.kept.tolist(), system.scales, system.chosen_at)
+
+
 def blank_system(model, owner=None):
     """A compiled system of a model without rows and forces.
 

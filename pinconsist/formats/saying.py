@@ -235,9 +235,6 @@ def _acceleration(mechanism, q, v) -> np.ndarray:
     J = rows.at(q)[1]
     if not len(J):
         return np.linalg.lstsq(M, force, rcond=None)[0]
-    work = model.createData()
-    pin.forwardKinematics(model, work, q, v, np.zeros(model.nv))
-    pin.computeJointJacobians(model, work, q)
-    bias = rows.acceleration_bias(work, 0.0, q, v)
+    bias = rows.acceleration_bias(0.0, q, v)
     matrix = np.block([[M, J.T], [J, np.zeros((len(J), len(J)))]])
     return np.linalg.lstsq(matrix, np.concatenate((force, -bias)), rcond=1e-12)[0][: model.nv]

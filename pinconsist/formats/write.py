@@ -180,8 +180,7 @@ def _equations(mechanism, q, v):
     model, data = mechanism.model, mechanism.model.createData()
     M = np.triu(pin.crba(model, data, q))
     bias = pin.rnea(model, data, q, v, np.zeros(model.nv))
-    pin.computeJointJacobians(model, data, q)
-    return M, np.array(bias), *LoopRows(model, mechanism.loops).evaluate(data, q)
+    return M, np.array(bias), *LoopRows(model, mechanism.loops).at(q)
 
 
 def _urdf(mechanism, name) -> tuple[str, dict]:

@@ -287,7 +287,10 @@ def _driven(solver, held, q) -> set[str]:
     for row in solver.loop_rows.closures:
         if row.loop.kind == "drive" and row.loop.joint in held:
             found.add(row.loop.joint)
-            gap, (value,) = row.evaluate(None, q, solver.t)[0][0], coordinates(solver.model, row.loop.joint, q)
+            gap, (value,) = (
+                solver.rows(q)[0][solver.loop_rows.slices[row.loop.name].start],
+                coordinates(solver.model, row.loop.joint, q),
+            )
             if abs(gap) > DRIVEN:
                 raise AssemblyError(
                     f"{solver.mechanism.name}: joint {row.loop.joint!r} cannot start at {value:.6g}: drive "

@@ -21,6 +21,7 @@ from .lie import difference, integrate
 from .loops import anchor
 from .rank import ROUNDED, row_scales
 from .rows import AnchoredRows
+from .wrenches import several_wrenches
 
 _WEAK = (30.0, 3.0)  # how many errors may add up in a row of J; both values are tried
 _REACH = 0.4  # rad and m, distance between configurations of the walk
@@ -242,9 +243,10 @@ class Walk:
         for number, closure in enumerate(rows.closures):
             if not isinstance(closure, AnchoredRows):
                 continue
-            by_twist, pose1, pose2 = closure.by_twist(data)
-            R = pose1.rotation.T
-            A = by_twist @ np.block([[R, -R @ pin.skew(pose2.translation)], [np.zeros((3, 3)), R]])
+            pose1, pose2 = data.oMi[closure.joint1] * closure.place1, data.oMi[closure.joint2] * closure.place2
+            unit = np.eye(len(closure.turns))
+            A = several_wrenches(rows, closure, self.solver.t, q, unit, self.solver.workspace)  # ∂Φ/∂(twist), closed
+            A[:, 3:] += np.cross(pose2.translation, A[:, :3])  # of the twist about the origin
             part = P[rows.slices[closure.loop.name]]
             for sign, joint in ((1.0, closure.joint2), (-1.0, closure.joint1)):
                 for j in (j for j in model.supports[joint] if j):

@@ -103,7 +103,7 @@ class ConstraintRows(Rows):
         self.difference_step = np.inf if constraint.jacobian is not None else constraint.step
         self._units = np.eye(model.nv)
 
-    def evaluate(self, data, q, t):
+    def evaluate(self, q, t):
         t = self.breakpoints.inside(t)
         return self._phi(t, q), self._jacobian(t, q)
 
@@ -120,7 +120,7 @@ class ConstraintRows(Rows):
             return self._call("rate", t, q)
         return in_time(lambda s: self._phi(t + s, q), 1, TIME_STEP, *self.breakpoints.reach(t))
 
-    def acceleration_bias(self, data, t, q, v):
+    def acceleration_bias(self, t, q, v):
         if not self.moving and (self._phi(t + TIME_STEP, q) != self._phi(t, q)).any():
             raise InputError(f"constraint {self.loop.name!r} has moving=False, but Φ changes with time at t = {t:.6g}")
         fastest = np.max(np.abs(v), initial=0.0)

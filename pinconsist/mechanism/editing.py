@@ -185,9 +185,7 @@ def _loop(loop, mechanism, smaller, locked, state):
         given = {"jacobian": state.v_left, "rate": None}
         functions = {field: _OfWhole(state, f, only) for field, only in given.items() if (f := getattr(loop, field))}
         return replace(loop, function=_OfWhole(state, loop.function), **functions)
-    data = mechanism.model.createData()
-    pin.computeJointJacobians(mechanism.model, data, state.full)
-    gap = np.max(np.abs(LoopRows(mechanism.model, [loop]).evaluate(data, state.full)[0]))
+    gap = np.max(np.abs(LoopRows(mechanism.model, [loop]).at(state.full)[0]))
     if gap > CLOSED_GAP:
         raise InputError(
             f"{mechanism.name}: with {', '.join(locked)} locked, loop {loop.name!r} would stay open by {gap:.3g} "

@@ -298,7 +298,7 @@ def torques_of(force, t, q, v, workspace):
 def _time_rates(rows, t, q, workspace):
     """Φ_t of all rows of the loops: the hidden residual at rest."""
     compiled = workspace.compiled()
-    KeptRows(rows.model, rows, np.arange(rows.nc)).hand_over(compiled)
+    KeptRows(rows, np.arange(rows.nc)).hand_over(compiled)
     return compiled.residuals(t, q, np.zeros((len(t), rows.model.nv)), np.zeros((len(t), rows.nc)))[1]
 
 

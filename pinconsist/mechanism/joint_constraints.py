@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass
 from functools import partial
 from numbers import Real
 from typing import ClassVar
 
 import numpy as np
-from numpy.polynomial.polynomial import polyder, polyval
 
 from ..errors import InputError
 from .breakpoints import NONE, Breakpoints, TimeFunction, knots_of, time_function
@@ -59,8 +57,8 @@ class Rows:
 
     ``turns`` marks the rows in rad, ``moving`` is True if Φ depends on time, ``steady`` is True if J does not.
     ``difference_step`` is the step of the difference quotients that replace J, or inf if J is exact. Subclasses also
-    have ``evaluate(data, q, t)``, which returns Φ and J, and ``acceleration_bias(data, t, q, v)``, which returns J̇ v
-    and the terms from Φ's dependence on time.
+    have ``hand_over(compiled)`` or, if only Python evaluates them, ``evaluate(q, t)``, which returns Φ and J, and
+    ``acceleration_bias(t, q, v)``, which returns J̇ v and the terms from Φ's dependence on time.
     """
 
     moving, steady, difference_step = False, True, math.inf
@@ -80,10 +78,6 @@ class Rows:
     def functions_of_time(self, q, v) -> list[TimeFunction]:
         """Φ as a function of time, at this configuration."""
         return []
-
-    def apart(self):
-        """The same rows with their own workspace."""
-        return copy(self) if self.moving else self
 
     def hand_over(self, compiled) -> bool:
         """Add the rows to the compiled system; False if they must be evaluated in Python."""
@@ -160,7 +154,7 @@ class DriveRow(Rows):
         self._J = np.zeros((1, model.nv))
         self._J[0, self._joint.column] = 1.0
 
-    def evaluate(self, data, q, t):
+    def evaluate(self, q, t):
         return np.array([self._joint.beyond(q, self._call("curve", self.breakpoints.inside(t)))]), self._J.copy()
 
     def functions_of_time(self, q, v):
@@ -172,7 +166,7 @@ class DriveRow(Rows):
     def rate(self, t, q):
         return -np.reshape(self._derivative("rate", 1, t), 1)
 
-    def acceleration_bias(self, data, t, q, v):
+    def acceleration_bias(self, t, q, v):
         return -np.reshape(self._derivative("acceleration", 2, t), 1)  # J is constant
 
     def _derivative(self, field, order, t):
@@ -290,14 +284,9 @@ class _Sum:
         return self.shares == [1.0]
 
     @property
-    def columns(self):
-        return [joint.column for joint in self.joints]
-
-    def value(self, q) -> float:
-        return sum(share * joint.value(q) for share, joint in zip(self.shares, self.joints, strict=True))
-
-    def speed(self, v) -> float:
-        return sum(share * v[joint.column] for share, joint in zip(self.shares, self.joints, strict=True))
+    def places(self) -> list[tuple]:
+        """The places of the joints, with their shares, for the compiled system."""
+        return [(joint.place, share) for joint, share in zip(self.joints, self.shares, strict=True)]
 
 
 class CouplingRow(Rows):
@@ -307,10 +296,7 @@ class CouplingRow(Rows):
         self.loop, who = coupling, f"coupling {coupling.name!r}"
         self._joint, self._other = (_Sum(model, shares, who) for shares in coupling.shares)
         self._law = (coupling.offset, coupling.ratio, *coupling.higher)
-        self._slope = polyder(self._law)
-        self._bend = polyder(self._slope)
         self.period = self._common_period(coupling)
-        self._nv = model.nv
 
     def _common_period(self, coupling) -> float | None:
         """The period of Φ: adding it moves no body, as it stands for whole turns of the joints that wrap."""
@@ -328,20 +314,8 @@ class CouplingRow(Rows):
             )
         return min((period for period in (joint.period, TURN * ratio) if period), default=None)
 
-    def evaluate(self, data, q, t):
-        other, J = self._other.value(q), np.zeros((1, self._nv))
-        J[0, self._joint.columns] = self._joint.shares
-        J[0, self._other.columns] = -polyval(other, self._slope) * np.array(self._other.shares)
-        return np.array([_nearest(self._joint.value(q) - polyval(other, self._law), self.period)]), J
-
-    def acceleration_bias(self, data, t, q, v):
-        return np.array([-polyval(self._other.value(q), self._bend) * self._other.speed(v) ** 2])
-
     def hand_over(self, compiled) -> bool:
-        if not (self._joint.alone and self._other.alone):
-            return False
-        places = self._joint.joints[0].place, self._other.joints[0].place
-        compiled.add_coupling(*places, self.period or 0.0, np.array(self._law))
+        compiled.add_coupling(self._joint.places, self._other.places, self.period or 0.0, np.array(self._law))
         return True
 
 

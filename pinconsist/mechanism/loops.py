@@ -144,13 +144,10 @@ def anchor(end: int, place: pin.SE3) -> dict:
     return {f"xyz{end}": tuple(place.translation), f"rpy{end}": tuple(pin.rpy.matrixToRpy(place.rotation))}
 
 
-# The blocks of rows that make up the kinds. `d` and `R` are the position and rotation of anchor 2 in the axes of
-# anchor 1. `linear` and `angular`, (3, n), are the derivatives of d, and of the rotation of body 2 relative to body 1,
-# with respect to n coordinates, in these axes. `dd` and `ddd` are the time derivatives of d; `spin` and `spin_rate` are
-# the relative angular velocity and its derivative as seen from body 1. Each block has the methods
-# rows(d, R, linear, angular), which returns Φ and J; bias(d, dd, ddd, R, spin, spin_rate), which returns J̇ v (of Turn
-# and Tilt for closed loops only); and closest (but not of Length), which returns the nearest
-# d or R with Φ = 0.
+# The blocks of rows that make up the kinds; `directions` are vectors in the axes of anchor 1, one a row. Each block has
+# the method add_to(compiled, ends), which adds its exact rows to a compiled system, where ends(shift) are the anchors
+# with the second one moved by `shift`; and closest (but not Length), which returns the nearest position `d` or rotation
+# `R` of anchor 2 in the axes of anchor 1 with Φ = 0.
 
 
 def unit(vector) -> np.ndarray:
@@ -168,16 +165,13 @@ def across(e) -> np.ndarray:
 
 
 class Place:
-    """Components of d along fixed directions of anchor 1, the rows of ``directions`` (k, 3)."""
+    """Components of d along fixed directions, (k, 3)."""
 
     def __init__(self, directions):
         self.directions = np.array(directions, float)
 
-    def rows(self, d, R, linear, angular):
-        return self.directions @ d, self.directions @ linear
-
-    def bias(self, d, dd, ddd, R, spin, spin_rate):
-        return self.directions @ ddd
+    def add_to(self, compiled, ends):
+        compiled.add_anchored(*ends(), self.directions, True)
 
     def closest(self, d):
         return d - self.directions.T @ (self.directions @ d)
@@ -189,38 +183,25 @@ class Length:
     def __init__(self, length):
         self.length = length
 
-    def rows(self, d, R, linear, angular):
-        return np.array([(d @ d - self.length**2) / (2 * self.length)]), (d @ linear / self.length)[None, :]
-
-    def bias(self, d, dd, ddd, R, spin, spin_rate):
-        return np.array([(dd @ dd + d @ ddd) / self.length])
+    def add_to(self, compiled, ends):
+        compiled.add_distance(*ends(), self.length)
 
 
 class Turn:
     """log R."""
 
-    def rows(self, d, R, linear, angular):
-        return pin.log3(R), pin.Jlog3(R) @ R.T @ angular
-
-    def bias(self, d, dd, ddd, R, spin, spin_rate):
-        return spin_rate
+    def add_to(self, compiled, ends):
+        compiled.add_turn(*ends())
 
     def closest(self, R):
         return np.eye(3)
 
 
 class _Axis:
-    """Rows of one axis of body 2, a = R axis2, along fixed directions of anchor 1.
-
-    In a closed loop, Φ and J are those of ``directions @ a``, with ``directions`` of shape (k, 3).
-    """
+    """Rows of one axis of body 2, a = R axis2: in a closed loop those of ``directions @ a``, (k, 3)."""
 
     axis2: np.ndarray
     directions: np.ndarray
-
-    def bias(self, d, dd, ddd, R, spin, spin_rate):
-        a, W = R @ self.axis2, pin.skew(spin)
-        return self.directions @ (W @ (W @ a) + pin.skew(spin_rate) @ a)
 
     def closest(self, R):
         a = R @ self.axis2
@@ -228,30 +209,14 @@ class _Axis:
 
 
 class Tilt(_Axis):
-    """Tilt of the axis a = R e of body 2 relative to e, measured by the chord 2 sin(angle/2).
-
-    The chord grows monotonically up to the antiparallel axis, which is therefore not a false solution. Its direction
-    is undetermined there; within TURNED rad of it, Φ and J are those at TURNED.
-    """
-
-    TURNED = 1e-6
+    """Tilt of the axis a = R e of body 2 relative to e, measured by the chord 2 sin(angle/2)."""
 
     def __init__(self, e):
         self.axis2 = e
         self.directions = -across(e) @ pin.skew(e).T  # tilt1 turns about the first row of across(e), tilt2 the second
 
-    def rows(self, d, R, linear, angular):
-        e, w, a = self.axis2, self.directions, R @ self.axis2
-        tilt = w @ a
-        z = 1.0 + e @ a
-        if z < 0.5:  # no cancellation: |tilt|² = (1 + e·a)(1 - e·a)
-            size = np.linalg.norm(tilt)
-            if size < self.TURNED:
-                tilt = self.TURNED * (tilt / size if size else np.array([1.0, 0.0]))
-            z = tilt @ tilt / (1.0 - e @ a)
-        s = np.sqrt(2.0 / z)
-        gradient = s * (w - np.outer(tilt, e) / (2 * z))
-        return s * tilt, -gradient @ pin.skew(a) @ angular
+    def add_to(self, compiled, ends):
+        compiled.add_tilt(*ends(), self.axis2, self.directions)
 
     def closest_axis(self, a):
         return self.axis2
@@ -266,9 +231,10 @@ class Cross(_Axis):
     def __init__(self, e1, e2):
         self.axis2, self.directions = e2, e1[None, :]
 
-    def rows(self, d, R, linear, angular):
-        a = R @ self.axis2
-        return self.directions @ a, -self.directions @ pin.skew(a) @ angular
+    def add_to(self, compiled, ends):
+        """As the difference of two points, 1 m apart along the axis of body 2."""
+        compiled.add_anchored(*ends(), -self.directions, True)
+        compiled.add_anchored(*ends(self.axis2), self.directions, False)
 
     def closest_axis(self, a):
         (e,) = self.directions

@@ -59,6 +59,7 @@ class ModeSystem(MechanismSystem):
 
     def __init__(self, base: MechanismSystem, elements, every, modes, J, still: float):
         vars(self).update(vars(base))
+        vars(self).pop("compiled", None)  # those have other rows
         self._base, self.elements, self.every, self.modes = base, elements, every, tuple(modes)
         self._start, self.still = J, still
         self.firsts = first_rows(elements)

@@ -343,7 +343,7 @@ def _axes(method, axes, known) -> str:
 def shared_loads(states: States) -> dict[str, tuple[str, ...]]:
     """Loops and joints that share a load in a way that is not unique, and its components in world axes."""
     rows = LoopRows.of(states.mechanism)
-    stress = over_samples(rows, states.workspace.data, states.t, states.q)
+    stress = over_samples(rows, states.workspace, states.t, states.q)
     sizes: dict[Member, np.ndarray] = {}
     for each in _loaded(states, rows, stress, states.lam).values():
         for member in each.members:
@@ -356,7 +356,7 @@ def shared_loads(states: States) -> dict[str, tuple[str, ...]]:
 def shared_rows(states: States) -> list[int]:
     """Multipliers that are not unique and share a load."""
     rows = LoopRows.of(states.mechanism)
-    stress = over_samples(rows, states.workspace.data, states.t, states.q)
+    stress = over_samples(rows, states.workspace, states.t, states.q)
     found = np.zeros(rows.nc, dtype=bool)
     for each in _loaded(states, rows, stress, states.lam).values():
         sizes = np.linalg.norm(each.multipliers, axis=1)
@@ -366,8 +366,8 @@ def shared_rows(states: States) -> list[int]:
 
 def _distributed(states: States, compliance):
     """The self-stresses at a few rows, and the multipliers; `compliance` determines some of the former."""
-    rows, data = LoopRows.of(states.mechanism), states.workspace.data
-    stress = over_samples(rows, data, states.t, states.q)
+    rows, workspace = LoopRows.of(states.mechanism), states.workspace
+    stress = over_samples(rows, workspace, states.t, states.q)
     if compliance is None:
         return stress, states.lam
     given = compliances(states.mechanism, compliance)
@@ -378,10 +378,10 @@ def _distributed(states: States, compliance):
     joints = [name for kind, name in given if kind == JOINT]
     carried = {(JOINT, name): transmission.wrench(states.mechanism.joint_index(name)) for name in joints}
     for i, (t, q) in enumerate(zip(states.t, states.q, strict=True)):
-        here = self_stress(rows, data, t, q)
+        here = self_stress(rows, workspace, t, q)
         if here is None:
             continue
-        wrenches = _on_loops(rows, data, lam[i]) | {member: wrench[i] for member, wrench in carried.items()}
+        wrenches = _on_loops(rows, workspace, t, q, lam[i]) | {member: wrench[i] for member, wrench in carried.items()}
         more, undetermined = relaxed(here, wrenches, given)
         lam[i, : rows.nc] += here.multipliers @ more
         if i in stress and undetermined.size:
@@ -389,9 +389,9 @@ def _distributed(states: States, compliance):
     return left, lam
 
 
-def _on_loops(rows, data, lam):
-    """The wrenches of the loops, after ``pin.computeJointJacobians`` on `data`."""
-    found, *_ = wrenches_of(rows, data, lam[: rows.nc, None])
+def _on_loops(rows, workspace, t, q, lam):
+    """The wrenches of the loops."""
+    found, *_ = wrenches_of(rows, workspace, t, q, lam[: rows.nc, None])
     return {member: wrench[:, 0] for member, wrench in found.items() if member[0] == LOOP}
 
 
@@ -399,13 +399,13 @@ def _loaded(states, rows, stress, lam):
     """Of the self-stresses at a few rows those along which there is a load."""
     if not stress:
         return {}
-    model, data = rows.model, states.workspace.data
+    model = rows.model
     transmission = states.transmission(list(stress), lam)
     carried = {(JOINT, model.names[joint]): transmission.wrench(joint) for joint in range(1, model.njoints)}
     found = {}
     for k, (i, each) in enumerate(stress.items()):
-        pin.computeJointJacobians(model, data, states.q[i])
-        wrenches = _on_loops(rows, data, lam[i]) | {member: wrench[k] for member, wrench in carried.items()}
+        on_loops = _on_loops(rows, states.workspace, states.t[i], states.q[i], lam[i])
+        wrenches = on_loops | {member: wrench[k] for member, wrench in carried.items()}
         basis = each.loaded(wrenches)
         if basis.size:
             found[i] = each.through(basis)

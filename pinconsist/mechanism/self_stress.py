@@ -15,6 +15,7 @@ from ..errors import InputError
 from .checks import near, number
 from .loops import Loop
 from .rank import Ranking
+from .wrenches import several_wrenches
 
 JOINT, LOOP = "joint", "loop"
 Member = tuple[str, str]  # JOINT or LOOP, and its name
@@ -114,37 +115,34 @@ class SelfStress:
         return np.vstack((self.size * force, moment))
 
 
-def self_stress(rows, data, t, q) -> SelfStress | None:
+def self_stress(rows, workspace, t, q) -> SelfStress | None:
     """The self-stresses of the `rows` of all loops at a state; None if the rows are independent."""
-    pin.computeJointJacobians(rows.model, data, q)
-    J = rows.evaluate(data, q, t)[1]
+    J = rows.at(q, t)[1]
     ranking = Ranking(J, rows.turns)
     if len(ranking.kept) == len(J):
         return None
     shares = np.linalg.svd(J / ranking.scales[:, None])[0][:, len(ranking.kept) :]
     multipliers = shares / ranking.scales[:, None]
     size = float(ranking.scales.max(where=~rows.turns, initial=0.0)) or 1.0
-    members, poses, bodies = wrenches_of(rows, data, multipliers)
+    members, poses, bodies = wrenches_of(rows, workspace, t, q, multipliers)
     return SelfStress(multipliers, members, poses, bodies, size)
 
 
-def wrenches_of(rows, data, multipliers) -> tuple[dict, dict, dict]:
-    """What columns of multipliers exert on each loop and, in equilibrium, on each joint: see :class:`SelfStress`.
-
-    Needs ``pin.computeJointJacobians`` on `data`.
-    """
-    model, members, poses, bodies = rows.model, {}, {}, {}
+def wrenches_of(rows, workspace, t, q, multipliers) -> tuple[dict, dict, dict]:
+    """What columns of multipliers exert on each loop and, in equilibrium, on each joint: see :class:`SelfStress`."""
+    model, data, members, poses, bodies = rows.model, workspace.data, {}, {}, {}
+    pin.forwardKinematics(model, data, q)
     on_bodies = np.zeros((model.njoints, 2, 3, multipliers.shape[1]))  # about the origin
     for closure in rows.closures:
         loop, its = closure.loop, multipliers[rows.slices[closure.loop.name]]
         members[LOOP, loop.name] = its
         if isinstance(loop, Loop):
-            J, pose1, pose2 = closure.by_twist(data)
-            force, moment = pose1.rotation @ (J.T @ its).reshape(2, 3, -1)
+            force, moment = several_wrenches(rows, closure, t, q, its.T, workspace).T.reshape(2, 3, -1)
             members[LOOP, loop.name] = np.vstack((force, moment))
-            poses[LOOP, loop.name] = pin.SE3(pose1.rotation, pose2.translation)
+            point = data.oMi[closure.joint2].act(closure.place2.translation)
+            poses[LOOP, loop.name] = pin.SE3(data.oMi[closure.joint1].rotation @ closure.place1.rotation, point)
             bodies[LOOP, loop.name] = closure.joint2, closure.joint1
-            about_origin = np.array((force, moment + pin.skew(pose2.translation) @ force))
+            about_origin = np.array((force, moment + pin.skew(point) @ force))
             on_bodies[closure.joint2] += about_origin
             on_bodies[closure.joint1] -= about_origin
     for joint in range(model.njoints - 1, 0, -1):
@@ -157,14 +155,14 @@ def wrenches_of(rows, data, multipliers) -> tuple[dict, dict, dict]:
     return members, poses, bodies
 
 
-def over_samples(rows, data, t, q) -> dict[int, SelfStress]:
+def over_samples(rows, workspace, t, q) -> dict[int, SelfStress]:
     """The self-stresses at a few rows of a run; empty if its loops are independent at one of them.
 
     While a singular configuration is passed, there are more of them; such rows are left out.
     """
     found = {}
     for i in sampled(len(t)):
-        stress = self_stress(rows, data, t[i], q[i])
+        stress = self_stress(rows, workspace, t[i], q[i])
         if stress is None:
             return {}
         found[i] = stress

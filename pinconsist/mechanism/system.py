@@ -4,13 +4,15 @@ The system integrates the *kept* rows of the loops. Rows that are identically ze
 that the KKT matrix is regular; :meth:`full_multipliers` restores the multipliers of all rows, at minimum norm.
 """
 
+from functools import cached_property
+
 import numpy as np
 import pinocchio as pin
 
 from ..engine.problem import Index3System
+from ..engine.systems import choice_of_rows, compiled_system
 from ..errors import InputError, PinconsistError
 from .assembly import velocity_on_constraints
-from .axes import rnea_derivatives
 from .breakpoints import Breakpoints
 from .checks import read_only
 from .closing import LoopSolver
@@ -28,7 +30,6 @@ NEAR = np.array([1e-8, 1e-6, 1e-4, 1e-3])  # changes of velocity, relative to th
 JUMP = 1e-3  # smallest jump, relative to the force
 SIMULTANEOUS = 1e-9  # relative difference of times below which changes count as simultaneous
 NEARBY = 1e-3  # rad and m: distance at which the rank of the loops is checked around a position with dependent rows
-WEAK = 0.2  # smallest singular value of the kept rows, relative to that of all rows, below which others are chosen
 
 
 class MechanismSystem(Index3System):
@@ -49,9 +50,8 @@ class MechanismSystem(Index3System):
         chosen = like or solver.ranking(q)
         self.kept, self.scales = chosen.kept, chosen.scales
         self.nc = len(self.kept)
-        self.kept_rows = KeptRows(self.model, self.rows, self.kept)
+        self.kept_rows = KeptRows(self.rows, self.kept)
         self.difference_step = self.kept_rows.difference_step
-        self._kept_rows = self.kept_rows.evaluate
         if like is None:
             dropped = sorted(set(range(self.rows.nc)).difference(self.kept.tolist()))
             self.dropped_are_zero = not dropped or self._zero_everywhere(tuple(dropped), q)
@@ -61,13 +61,18 @@ class MechanismSystem(Index3System):
         breakpoints = self.rows.breakpoints if self.rows.moving else Breakpoints()
         breakpoints.add(forces.values())
         self._take(forces, breakpoints)
-        self.moving, self._J, self._solver = self.rows.moving, None, None
+        self.moving, self._solver = self.rows.moving, None
         self.steps_from: tuple | None = None  # the start of a run that is over, on whose steps the forces act
 
     @property
     def data(self) -> pin.Data:
         """Pinocchio's data, which runs in C++ do not need."""
         return self.workspace.data
+
+    @cached_property
+    def compiled(self):
+        """These equations in C++."""
+        return compiled_system(self)
 
     @property
     def _structure(self):
@@ -77,6 +82,7 @@ class MechanismSystem(Index3System):
         return known[0]
 
     def _take(self, forces, breakpoints):
+        vars(self).pop("compiled", None)
         self.forces, self.held_forces = forces, [each for each in forces.values() if isinstance(each, BoundHeld)]
         self.breakpoints = breakpoints
         self.changing = [each for each in forces.values() if each.changes]
@@ -159,50 +165,26 @@ class MechanismSystem(Index3System):
         return (xi, xi) if self.vector_like else (self.integrate(base, xi), xi)
 
     def evaluate(self, t, p, v, a):
-        f = pin.rnea(self.model, self.data, p, v, a) - self.torque(t, p, v)
-        phi, rho = self.constraint(t, p, v)
-        return f, phi, self._J.T, rho
+        f, phi, J, rho = self.compiled.evaluate(t, p, v, a)
+        return f, phi, J.T, rho
 
     def linearize(self, t, p, v, a, lam, c, A):
-        if c == 0.0:
-            A[:] = self.mass_matrix(p)
-            return self._J
-        M, f_v, f_q = self.matrices(t, p, v, a)
-        np.multiply(f_q, c, A)
-        A += f_v
-        A *= c
-        A += M
-        return self._J
-
-    def matrices(self, t, p, v, a):
-        f_q, f_v = rnea_derivatives(self.model, self.data, p, v, a)
-        for force in self.forces.values():
-            tau_q, tau_v = force.derivatives(t, p, v)
-            if tau_v is not None:
-                f_v -= tau_v
-            if tau_q is not None:
-                f_q -= tau_q
-        return self.data.M.T.copy(), f_v, f_q  # by columns; the transpose is equal, and can be added faster
+        A[:] = self.compiled.linearize(t, p, v, a, c)
+        return self.compiled.G_transposed
 
     def force_gradient(self, t, p, v, lam):
-        """∂(Jᵀλ)/∂q, shape (nv, nv), by forward differences; needed only if Newton's iteration is slow."""
-
-        def force(q):
-            pin.computeJointJacobians(self.model, self.data, q)
-            return self._kept_rows(self.data, q, t)[1].T @ lam
-
-        at, step = force(p), 1e-7
-        return np.column_stack([(force(self.integrate(p, step * e)) - at) / step for e in np.eye(self.nv)])
+        """∂(Jᵀλ)/∂q, shape (nv, nv); by forward differences where rows are user-defined."""
+        if (known := self.compiled.row_gradients(t, p, v, lam)) is not None:
+            return known[0]
+        at, step = self.compiled.rows(p, t)[1].T @ lam, 1e-7
+        near = [self.compiled.rows(self.integrate(p, step * e), t)[1].T @ lam for e in np.eye(self.nv)]
+        return np.column_stack([(each - at) / step for each in near])
 
     def constraint(self, t, p, rate):
-        pin.computeJointJacobians(self.model, self.data, p)
-        phi, self._J = self._kept_rows(self.data, p, t)
-        rho = self._J.dot(rate)
-        return phi, rho + self.rows.time_rate(t, p)[self.kept] if self.moving else rho
+        return self.compiled.constraint(t, p, rate)
 
     def acceleration_bias(self, t, p, v):
-        pin.forwardKinematics(self.model, self.data, p, v, np.zeros(self.nv))
-        return self.rows.acceleration_bias(self.data, t, p, v)[self.kept]
+        return self.compiled.dynamics(t, p, v)[3]
 
     def position_scale(self, p):
         return np.abs(p) if self.vector_like else np.ones(self.nx)
@@ -222,6 +204,7 @@ class MechanismSystem(Index3System):
                 self.forces[label] = Differentiated(force, self.integrate)
             elif isinstance(force, BoundPiecewise):
                 force.differentiate(self.integrate)
+        vars(self).pop("compiled", None)
 
     def sharp_force(self, t, p, v):
         return sum((force.torque(t, p, v) for force in self._sharp), np.zeros(self.nv))
@@ -249,7 +232,7 @@ class MechanismSystem(Index3System):
 
     def all_rows(self) -> KeptRows:
         """All rows of the loops, including dropped ones."""
-        return KeptRows(self.model, self.rows, np.arange(self.rows.nc))
+        return KeptRows(self.rows, np.arange(self.rows.nc))
 
     def not_finite(self, t, q, v) -> tuple[str, ...]:
         """Labels of the forces whose torque or derivatives are not finite although the state is."""
@@ -310,9 +293,7 @@ class MechanismSystem(Index3System):
         """The same system with other rows kept, if the current ones have become a poor choice at `q`; else None."""
         if self.dropped_are_zero:
             return None
-        J = self.loop_rows(q)[1] / self.scales[:, None]
-        strongest = np.linalg.svd(J, compute_uv=False)[self.nc - 1]
-        if np.linalg.svd(J[self.kept], compute_uv=False)[-1] > WEAK * strongest:
+        if not choice_of_rows(self, self.rows.compiled).poor(q):
             return None
         fresh = MechanismSystem(self.mechanism, q, self.chosen_at)
         fresh.rows.continue_in(self.breakpoints)

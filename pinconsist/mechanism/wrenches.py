@@ -26,11 +26,17 @@ def loop_wrenches(rows, closure, t, q, lam, axes, workspace):
     """[force, moment] on body 2, zero without anchors, and Jᵀλ of one loop at several states."""
     compiled = workspace.compiled()
     own = rows.slices[closure.loop.name]
-    KeptRows(rows.model, rows, range(own.start, own.stop)).hand_over(compiled)
+    KeptRows(rows, range(own.start, own.stop)).hand_over(compiled)
     joint_forces = compiled.residuals(t, q, np.zeros((len(t), rows.model.nv)), lam)[2]
     if not isinstance(closure.loop, Loop):
         return np.zeros((len(t), 6)), joint_forces
     return compiled.wrenches(t, q, lam, *closure.ends(), axes == "world"), joint_forces
+
+
+def several_wrenches(rows, closure, t, q, lam, workspace):
+    """[force, moment] on body 2 at anchor 2, (n, 6), in world axes, of n multipliers (n, rows) in one state."""
+    n = len(lam)
+    return loop_wrenches(rows, closure, np.full(n, t), np.tile(q, (n, 1)), lam, "world", workspace)[0]
 
 
 class Transmission:

@@ -12,7 +12,7 @@ from ..engine.consistency import consistent_velocities
 from ..engine.failure import FAILURES, culprits
 from ..engine.index1 import Index1, NotFiniteError, singular_message
 from ..engine.norms import largest
-from ..engine.systems import blank_system, compiled_system, with_all_rows
+from ..engine.systems import blank_system, choice_of_rows, compiled_system, with_all_rows
 from ..errors import PinconsistError, SingularSystemError
 from ..mechanism.mode_system import ModeSystem
 from .dense import Made, Tables
@@ -93,8 +93,7 @@ class Stepper(ABC):
         self._core.moving = system.moving
         self._core.waits = self.method.consistency == "initial"
         if self._all_rows is not None:
-            about = system.kept.tolist(), system.scales, system.chosen_at
-            self._core.watch_rows(required().KeptRows(self._all_rows, *about), self.rows_watched)
+            self._core.watch_rows(choice_of_rows(system, self._all_rows), self.rows_watched)
         self._turns = None
         if before is not None:
             self._core.take_over(before)

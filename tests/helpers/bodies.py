@@ -51,9 +51,7 @@ def frame_pose(model, q, name):
 
 def loop_rows(mech, q, t=0.0):
     """Φ and J of all loops."""
-    q, data = np.asarray(q, float), mech.model.createData()
-    pin.computeJointJacobians(mech.model, data, q)
-    return LoopRows(mech.model, mech.loops).evaluate(data, q, t)
+    return LoopRows(mech.model, mech.loops).at(np.asarray(q, float), t)
 
 
 def differences(function, x, step=1e-4):

@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinconsist.mechanism.forces import bound_forces
+from pinconsist.mechanism.loops import Length, Turn
 from pinconsist.mechanism.rows import LoopRows
 
 
@@ -12,11 +13,25 @@ def reaction_of_the_loop(mech, q, lam, axes):
     model, data = mech.model, mech.model.createData()
     closure = LoopRows.of(mech).closures[0]
     pin.computeJointJacobians(model, data, q)
-    joint_forces = closure.evaluate(data, q, 0.0)[1].T @ lam
-    J, pose1, _ = closure.by_twist(data)
-    turn = pose1.rotation if axes == "world" else np.eye(3)
-    force, moment = (J.T @ lam).reshape(2, 3) @ turn.T
+    joint_forces = LoopRows.of(mech).at(q)[1].T @ lam
+    turn = data.oMi[closure.joint1].rotation @ closure.place1.rotation if axes == "world" else np.eye(3)
+    force, moment = (by_twist(closure, data).T @ lam).reshape(2, 3) @ turn.T
     return force, moment, joint_forces
+
+
+def by_twist(closure, data):
+    """∂Φ by the twist of body 2 relative to body 1 at anchor 2, in the axes of anchor 1, of a closed loop."""
+    pose1, pose2 = data.oMi[closure.joint1] * closure.place1, data.oMi[closure.joint2] * closure.place2
+    gap, turn = pose1.actInv(pose2), closure.turn
+    if isinstance(closure.place, Length):
+        return np.append(gap.translation / closure.place.length, np.zeros(3))[None]
+    moving = [np.hstack((closure.place.directions, np.zeros_like(closure.place.directions)))]
+    if isinstance(turn, Turn):
+        moving.append(np.eye(6)[3:])
+    elif turn is not None:
+        spun = -turn.directions @ pin.skew(gap.rotation @ turn.axis2)
+        moving.append(np.hstack((np.zeros_like(spun), spun)))
+    return np.vstack(moving)
 
 
 def energies_of(model, q, v):

@@ -132,10 +132,8 @@ def _frames(mech, peer):
 
 
 def _rows(mech, q):
-    data = mech.model.createData()
-    pin.computeJointJacobians(mech.model, data, q)
     rows = LoopRows(mech.model, mech.loops)
-    phi = rows.evaluate(data, q)[0]
+    phi = rows.at(q)[0]
     return [(loop.kind, phi[rows.slices[loop.name]]) for loop in mech.loops]
 
 
