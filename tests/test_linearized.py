@@ -8,6 +8,7 @@ from scipy.linalg import expm
 import pinconsist as pc
 from pinconsist.mechanism.closing import LoopSolver, newton
 from pinconsist.run.propagator import Propagator
+from pinconsist.run.steppers import RadauStepper
 
 TIGHT = {"rtol": 1e-11, "atol": 1e-12}
 H = 0.01
@@ -81,10 +82,28 @@ def test_steps_that_newton_does_not_find_are_made_once_more(monkeypatch):
     def unsolved(*_):
         raise pc.PinconsistError("the step of Radau IIA could not be repeated")
 
+    monkeypatch.setattr(RadauStepper, "steps_since", lambda *_: None)
     monkeypatch.setattr(Propagator, "solved", unsolved)
     again = sim.linearized()
     np.testing.assert_allclose(again.A, A, atol=1e-9 * np.abs(A).max())
     np.testing.assert_allclose(again.B, B, atol=1e-9 * np.abs(B).max())
+
+
+@pytest.mark.parametrize("name", ["five_bar", "delta_robot", "stewart_platform"])
+def test_the_steps_of_a_run_are_linearised_as_steps_solved_to_rounding(name, monkeypatch):
+    """At the default tolerances: a sample of several steps, and one of a single step, before which a torque jumps."""
+    mech = pc.load(name)
+    sim = pc.Simulation(mech, *start(mech))
+    for dt, push in ((0.1, 0.0), (1e-3, 0.4), (1e-3, 0.4)):
+        sim.step(dt, control={mech.actuated[0]: push})
+        made = sim._stepper.steps_since(sim._before[0])
+        assert (len(made.t) > 1) == (dt > 0.01)
+        A, B = sim.linearized()
+        with monkeypatch.context() as patch:
+            patch.setattr(RadauStepper, "steps_since", lambda *_: None)
+            solved = sim.linearized()
+        np.testing.assert_allclose(solved.A, A, atol=1e-7 * np.abs(A).max())
+        np.testing.assert_allclose(solved.B, B, atol=1e-7 * np.abs(B).max())
 
 
 @pytest.mark.parametrize("name", ["free", "ball", "planar", "unbounded", "revolute", "prismatic", "translation"])

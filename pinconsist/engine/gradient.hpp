@@ -102,13 +102,11 @@ public:
   // Rows (P, nx+nv) of `ends` from those of `starts`, which may be the same table shifted by one row.
   int forward(const StageSteps &steps, Eigen::Map<const Table> starts, Eigen::Map<Table> ends) {
     const int n = 2 * system_.nv, P = parameters.size();
-    Mat end;
     const double *W = steps.W.data();
     for (int i = 0; i < steps.size(); ++i) {
       if (!motion_.set(steps, i, W)) return i;
       W += system_.nv * steps.s[i];
-      motion_.forward(Eigen::Map<const Mat>(starts.row(i).data(), n, P), end);
-      Eigen::Map<Mat>(ends.row(i).data(), n, P) = end;
+      motion_.forward(Eigen::Map<const Mat>(starts.row(i).data(), n, P), Eigen::Map<Mat>(ends.row(i).data(), n, P));
     }
     return -1;
   }

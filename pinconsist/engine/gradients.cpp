@@ -22,6 +22,7 @@ template <class... Given> auto along(int (Derivatives::*method)(Given...)) {
 void bind_gradients(nb::module_ &m) {
   nb::class_<StageSteps>(m, "StageSteps")
       .def(nb::init<Vec, Vec, Vec, Table, Table, Table, Table, Integers, Vec>())
+      .def_ro("t", &StageSteps::t)
       .def_ro("p", &StageSteps::p)
       .def_ro("v", &StageSteps::v)
       .def_ro("W", &StageSteps::W);

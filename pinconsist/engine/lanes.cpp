@@ -961,10 +961,37 @@ void combine(const double *x, int n, int columns, const double *weights, int row
   }
 }
 
+// F columns of C = A B; each sum has the same order with all instruction sets.
+template <int F> void product_columns(const double *A, int n, int k, const double *B, int of_B, double *C, int of_C) {
+  int i = 0;
+  while (i + W <= n) {
+    Pack sum[F] = {};
+    for (int l = 0; l < k; ++l) {
+      const Pack a = load(A + static_cast<long>(l) * n + i);
+      for (int f = 0; f < F; ++f) sum[f] += a * B[static_cast<long>(f) * of_B + l];
+    }
+    for (int f = 0; f < F; ++f) memcpy(C + static_cast<long>(f) * of_C + i, sum + f, sizeof(Pack));
+    i = i + W == n || i + 2 * W <= n ? i + W : n - W; // the last pack may overlap the one before
+  }
+  for (; i < n; ++i)
+    for (int f = 0; f < F; ++f) {
+      double sum = 0.0;
+      for (int l = 0; l < k; ++l) sum += A[static_cast<long>(l) * n + i] * B[static_cast<long>(f) * of_B + l];
+      C[static_cast<long>(f) * of_C + i] = sum;
+    }
+}
+
+void product(const double *A, int n, int k, const double *B, int of_B, int m, double *C, int of_C) {
+  int j = 0;
+  for (; j + 8 <= m; j += 8) product_columns<8>(A, n, k, B + static_cast<long>(j) * of_B, of_B, C + static_cast<long>(j) * of_C, of_C);
+  for (; j + 3 <= m; j += 3) product_columns<3>(A, n, k, B + static_cast<long>(j) * of_B, of_B, C + static_cast<long>(j) * of_C, of_C);
+  for (; j < m; ++j) product_columns<1>(A, n, k, B + static_cast<long>(j) * of_B, of_B, C + static_cast<long>(j) * of_C, of_C);
+}
+
 } // namespace
 
 extern const Kernel LANES;
-const Kernel LANES = {NAME, W, work, evaluate, reduce, assemble, right_side, increments, bend, factorise, substitute, combine, chart_rates};
+const Kernel LANES = {NAME, W, work, evaluate, reduce, assemble, right_side, increments, bend, factorise, substitute, combine, product, chart_rates};
 
 } // namespace lanes
 } // namespace pinconsist

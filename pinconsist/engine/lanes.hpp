@@ -131,6 +131,8 @@ struct Kernel {
   void (*substitute)(const double *matrix, int n, const int *pivots, const double *inverses, double *x, int columns);
   // out = scale x weightsᵀ: x has n rows, weights are rows × columns; all column by column.
   void (*combine)(const double *x, int n, int columns, const double *weights, int rows, double scale, double *out);
+  // C = A B with n × k and k × m numbers, column by column, those of B and C so many numbers from one another.
+  void (*product)(const double *A, int n, int k, const double *B, int of_B, int m, double *C, int of_C);
   // Rates of ξ in charts, see charts.hpp, from those of the bodies, with the series x/2 coth(x/2): nv numbers for each state.
   void (*chart_rates)(const Tree &tree, int states, const double *xi, const double *rates, const double *series, int terms, double *out);
 };

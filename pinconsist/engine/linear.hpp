@@ -54,6 +54,7 @@ public:
   // Terms of one column must be added one after another.
   void add_term(int column, double weight, System &other) { terms_.push_back({column, weight, &other}); }
   int size() const { return size_; }
+  bool move_rows() const { return !terms_.empty(); } // known derivatives are those of f
   bool calls_python() const {
     bool any = known && known->calls_python();
     for (const auto &term : terms_) any = any || term.other->calls_python();
@@ -126,6 +127,12 @@ public:
       });
       put(members, lam, F, H);
     }
+  }
+
+  // F alone.
+  void find_forces(double t, const Vec &p, const Vec &v, const Vec &lam, Mat &F) {
+    F.setZero(system_.nv, system_.nx);
+    if (!system_.row_gradients(t, p, v, lam, F, none_)) find(t, p, v, lam, F, spare_);
   }
 
   // F, and the derivatives of β by ξ and by v; β is quadratic in v.
@@ -222,7 +229,7 @@ private:
 
   System &system_;
   Vec there_, way_, rates_, beta_;
-  Mat change_;
+  Mat change_, none_, spare_;
   std::vector<std::vector<int>> groups_, moved_rows_;
 };
 

@@ -355,6 +355,11 @@ public:
     if (derivatives && !other_forces_.empty()) fields.filled = true;
   }
 
+  void take(const StateLanes &states, int i) override {
+    show(states, i);
+    show_bodies(states, i);
+  }
+
 protected:
   // Takes over f, Φ, J of a state.
   void show(const StateLanes &states, int i) {

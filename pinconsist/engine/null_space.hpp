@@ -1,6 +1,7 @@
 // Null spaces of constraints, and products of small matrices.
 #pragma once
 
+#include "kkt.hpp"
 #include "system.hpp"
 
 #include <algorithm>
@@ -14,6 +15,12 @@ inline void combine(const Mat &x, const Mat &weights, Mat &out, double scale = 1
   const int n = static_cast<int>(x.rows()), columns = static_cast<int>(x.cols()), rows = static_cast<int>(weights.rows());
   out.resize(n, rows);
   lanes::kernel().combine(x.data(), n, columns, weights.data(), rows, scale, out.data());
+}
+
+// C = A B; the columns of C may be some rows of a larger matrix.
+inline void product(const Mat &A, Eigen::Ref<const Mat> B, Eigen::Ref<Mat> C) {
+  const int n = static_cast<int>(A.rows()), k = static_cast<int>(A.cols()), m = static_cast<int>(B.cols());
+  lanes::kernel().product(A.data(), n, k, B.data(), static_cast<int>(B.outerStride()), m, C.data(), static_cast<int>(C.outerStride()));
 }
 
 // aᵀ b, with its columns `apart` numbers from one another.
@@ -31,6 +38,9 @@ inline void across(const Mat &a, const Mat &b, double *out, Eigen::Index apart) 
       out[j * apart + i] = sum;
     }
 }
+
+// Slope of the dependent velocities by the others above which others are chosen.
+inline constexpr double STEEPEST = 10.0;
 
 // J x = -φ by complete pivoting: all solutions are x = Z y + closing.
 class Elimination {
@@ -60,8 +70,6 @@ public:
   void follow(const Elimination &other) { order_ = other.order_; }
 
 private:
-  static constexpr double STEEPEST = 10.0; // slope of the dependent columns by the others above which others are chosen
-
   double steep() const {
     double most = 0.0;
     for (int k = 0; k < nc_; ++k)
@@ -108,6 +116,61 @@ private:
   int nc_, nv_;
   Mat E_; // a row of J and its φ are adjacent
   std::vector<int> order_;
+};
+
+// The null space of J and a right inverse, with the dependent velocities of another one where they suit.
+class NullSpace {
+public:
+  Mat Z, N; // J Z = 0 with unit rows of the free velocities, J N = 1 with zero rows
+
+  NullSpace(int nc, int nv) : nc_(nc), nv_(nv), lu_(nc), columns_(nc, nc), rest_(nc, nv - nc), spare_(nv) {
+    Z.setZero(nv, nv - nc);
+  }
+
+  // False if rows depend on each other.
+  bool set(const Mat &J, const NullSpace *like = nullptr) {
+    if (!nc_) {
+      Z.setIdentity();
+      return true;
+    }
+    if (like) order_ = like->order_;
+    if (!order_.empty() && solved(J) && largest(rest_) <= STEEPEST) return true;
+    Elimination fresh(nc_, nv_); // complete pivots
+    if (!fresh.reduce(J, Vec::Zero(nc_), true, Z, spare_)) return false;
+    order_ = fresh.order();
+    return solved(J);
+  }
+
+  void find_right_inverse() {
+    N.setZero(nv_, nc_);
+    columns_.setIdentity();
+    lu_.substitute(columns_.data(), nc_);
+    for (int k = 0; k < nc_; ++k) N.row(order_[k]) = columns_.row(k);
+  }
+
+  // λ with the dependent entries of Jᵀ λ = f.
+  void multipliers(const Vec &f, Eigen::Ref<Vec> lam) const {
+    for (int k = 0; k < nc_; ++k) lam[k] = f[order_[k]];
+    if (nc_) lu_.substitute_transposed(lam.data());
+  }
+
+private:
+  bool solved(const Mat &J) {
+    for (int k = 0; k < nc_; ++k) columns_.col(k) = J.col(order_[k]);
+    for (int k = nc_; k < nv_; ++k) rest_.col(k - nc_) = J.col(order_[k]);
+    if (!lu_.factorise(columns_)) return false;
+    lu_.substitute(rest_.data(), nv_ - nc_);
+    Z.setZero();
+    for (int k = 0; k < nc_; ++k) Z.row(order_[k]) = -rest_.row(k);
+    for (int k = nc_; k < nv_; ++k) Z(order_[k], k - nc_) = 1.0;
+    return true;
+  }
+
+  int nc_, nv_;
+  LU lu_;
+  Mat columns_, rest_;
+  Vec spare_;
+  std::vector<int> order_; // dependent velocities, then free ones
 };
 
 } // namespace pinconsist

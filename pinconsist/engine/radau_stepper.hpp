@@ -73,6 +73,7 @@ public:
     accurate_.reset();
     control.restart();
     newton.forget();
+    remembered_ = 0;
     slope_.setZero(system_.nv);
     stage_a_ = a;
     headway_.restart(t, t);
@@ -91,6 +92,7 @@ public:
   // Forces have jumped: the accelerations that start Newton's iteration change by the same amount.
   Failure jump() {
     moved_ = a;
+    remembered_ = 0;
     if (!index1_.acceleration(t, p, v, a, lam)) return Failure::singular;
     if (!a.allFinite() || !lam.allFinite()) return newton.not_finite(t, p, v);
     stage_a_ += a - moved_;
@@ -189,6 +191,25 @@ public:
     return last_;
   }
 
+  // A step that was made, of which linearisations need the start and the accelerations.
+  struct Taken {
+    const RadauTable *table;
+    double t, h;
+    Vec p, v;
+    Mat W;
+  };
+  // The steps since a time; none if a force has jumped since then, or if they are too many.
+  std::vector<const Taken *> steps_since(double from) const {
+    std::vector<const Taken *> found;
+    for (size_t k = remembered_; k > 0 && found.size() < REMEMBERED; --k) {
+      found.push_back(&remembered_steps_[(k - 1) % REMEMBERED]);
+      if (found.back()->t != from) continue;
+      std::reverse(found.begin(), found.end());
+      return found;
+    }
+    return {};
+  }
+
   const Vec &velocity() const { return v; }
   const Vec &multipliers() const { return lam; }
 
@@ -255,6 +276,7 @@ public:
     newton.accepted();
     used_h = newton.stages.h;
     used_s = control.s;
+    remember();
     t = t_next;
     std::swap(p, p1_);
     std::swap(v, v1_);
@@ -583,6 +605,22 @@ private:
     events.look(at, sampler.p, sampler.v, sampler.lam);
     return true;
   }
+
+  void remember() {
+    if (remembered_steps_.empty()) remembered_steps_.resize(REMEMBERED);
+    Taken &to = remembered_steps_[remembered_++ % REMEMBERED];
+    const Stages &of = newton.stages;
+    to.table = of.table;
+    to.t = of.t;
+    to.h = of.h;
+    to.p = of.p;
+    to.v = of.v;
+    to.W = of.W;
+  }
+
+  static constexpr size_t REMEMBERED = 16; // more than the steps of a sample of a controller
+  std::vector<Taken> remembered_steps_;    // a ring
+  size_t remembered_ = 0;                  // since the last start, or jump of forces
 
   const Switches switches_;
   std::unique_ptr<RadauStepper> halving_;

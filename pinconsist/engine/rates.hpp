@@ -118,8 +118,10 @@ private:
   // Forces on bodies, in their axes, and the torques `pull_` with weights, of the columns.
   template <class OnBody, class OnJoints>
   void visit(double t, const Vec &p, const Vec &v, const Vec &a, const OnBody &on_body, const OnJoints &on_joints) {
-    library::rnea(model_, data_, p, v, a);
-    find_jacobians();
+    if (on_bodies()) {
+      library::rnea(model_, data_, p, v, a);
+      find_jacobians();
+    }
     for (const auto &body : bodies_) {
       const auto &moving = data_.v[body.joint];
       on_body(body.column, body.joint, body.momentum(data_.a_gf[body.joint]) + moving.cross(body.momentum(moving)));
@@ -144,6 +146,13 @@ private:
       if (here >= 0) on_joints(here, part);
       if (before >= 0) on_joints(before, 1.0 - part);
     }
+  }
+
+  // Whether poses are needed: constant torques and dampers of joints need none.
+  bool on_bodies() const {
+    const auto acts = [](const Side &side) { return !side.forces.empty(); };
+    const auto any = [&](const auto &each) { return std::any_of(each.second.sides.begin(), each.second.sides.end(), acts); };
+    return !bodies_.empty() || !gravities_.empty() || std::any_of(pulls_.begin(), pulls_.end(), any);
   }
 
   std::vector<Body> bodies_;

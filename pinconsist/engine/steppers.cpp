@@ -278,6 +278,32 @@ void bind_radau(nb::module_ &m) {
            }, "system"_a, "switches"_a, nb::keep_alive<1, 2>())
       .def_prop_ro("k", [](const RadauStepper &s) { return 2 * s.control.s - 1; })
       .def("fix_stages", [](RadauStepper &s, int stages) { s.control.use(stages); })
+      .def("steps_since", // the arguments of StageSteps, or None
+           [](const RadauStepper &s, double from) -> nb::object {
+             const auto steps = s.steps_since(from);
+             const int n = static_cast<int>(steps.size()), nv = static_cast<int>(s.v.size());
+             if (!n) return nb::none();
+             Vec t_old(n), t(n), h(n);
+             Table p0(n, s.p.size()), v0(n, nv), p(n, s.p.size()), v(n, nv);
+             std::vector<std::int64_t> stages;
+             std::vector<double> W;
+             for (int i = 0; i < n; ++i) {
+               const auto &step = *steps[i];
+               const bool last = i + 1 == n;
+               t_old[i] = step.t;
+               t[i] = last ? s.t : steps[i + 1]->t;
+               h[i] = step.h;
+               p0.row(i) = step.p;
+               v0.row(i) = step.v;
+               p.row(i) = last ? s.p : steps[i + 1]->p;
+               v.row(i) = last ? s.v : steps[i + 1]->v;
+               stages.push_back(step.table->s);
+               put(W, step.W);
+             }
+             return nb::make_tuple(array(t_old), array(t), array(h), p0, v0, p, v,
+                                   Eigen::VectorX<std::int64_t>(Eigen::Map<Eigen::VectorX<std::int64_t>>(stages.data(), n)),
+                                   Vec(Eigen::Map<Vec>(W.data(), static_cast<Eigen::Index>(W.size()))));
+           })
       .def("control_error", [](RadauStepper &s, const Vec &rtol, const Vec &atol, const Vec &sizes, int stages, double max_step) {
         s.control.set(rtol, atol, stages);
         s.control.sizes = sizes;

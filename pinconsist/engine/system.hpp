@@ -132,6 +132,8 @@ public:
   // As `evaluate`, or `evaluate_parts` with `derivatives`, of states at these times; afterwards the last of them is that
   // evaluated last, except for ρ.
   virtual void evaluate_lanes(const Vec &, StateLanes &, bool) {}
+  // Let another of these states, evaluated with derivatives, be that evaluated last, except for ρ.
+  virtual void take(const StateLanes &, int) {}
 
 protected:
   void size_rows() {

@@ -69,7 +69,7 @@ def refuse_moving_jumps(variants, system, t, reached, t_end, q, v) -> None:
                 changes = [change.time for each in functions for change in each.known or []]
                 _refuse_moved(variants.names[i], variants.steps[i], [at for at in changes if low < at < high], ends)
     for variant in variants.moved.values() if ends or jumps else ():
-        if not variant.inert:
+        if not (variant.inert or variant.of_loop):
             sides, _, near = variant.beside
             varied = MechanismSystem(sides[max(near)].mechanism, q, system.chosen_at, like=system)
             varied.breakpoints.look_ahead(t, t_end, q, v)

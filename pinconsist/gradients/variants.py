@@ -120,7 +120,8 @@ class Side:
 class Variant:
     """One parameter: its value, its step, and the `parts` of the derivative of the equations if it is known.
 
-    ``make(m)`` returns the mechanism with the parameter m steps away from `base`; it is called when needed.
+    ``make(m)`` returns the mechanism with the parameter m steps away from `base`; it is called when needed. `of_loop`
+    says that it is a number of a loop between anchors: its rows depend smoothly on it, and no jump of a force moves.
     """
 
     name: str
@@ -129,6 +130,7 @@ class Variant:
     base: Side
     make: Callable
     parts: list = field(default_factory=list)
+    of_loop: bool = False
 
     @cached_property
     def beside(self) -> tuple[dict, dict, dict]:
@@ -251,18 +253,23 @@ def variants_of(make, theta, names, steps, base: Side, system, t, p, v, paramete
         chosen[given] = [float(step) for step in steps if step is not None]
     wide = np.where(given, chosen, np.maximum(WIDE * np.abs(theta), 0.1 * chosen))
 
+    of_loops = {i for i, each in parameters if _is_of_loop(each, base.mechanism)}
+
     def beside(i, step, parts=()):
         unit = np.arange(len(theta)) == i
-        return Variant(names[i], theta[i], float(step), base, lambda m: make(theta + m * step * unit), list(parts))
+
+        def at(m):
+            return make(theta + m * step * unit)
+
+        return Variant(names[i], theta[i], float(step), base, at, list(parts), i in of_loops)
 
     of_base = base.index1(system).system
     parts = [(i, parts_of(each, of_base, chosen[i])) for i, each in parameters]
     known = [(i, each) for i, each in parts if each]
     moved = {}
-    smooth = {i for i, each in parameters if _is_of_loop(each, base.mechanism)}
     of_known = {column for i, _ in known for column in np.atleast_1d(i).tolist()}
     for i in sorted(set(range(len(names))) - of_known):
-        if i in smooth:
+        if i in of_loops:
             moved[i] = beside(i, chosen[i])
             continue
         moved[i] = _smooth(partial(beside, i), chosen[i], 1 if given[i] else MOST_TRIES, system, t, p, v)
@@ -271,7 +278,7 @@ def variants_of(make, theta, names, steps, base: Side, system, t, p, v, paramete
 
 
 def _is_of_loop(parameter, mechanism) -> bool:
-    """Whether a parameter is a number of a loop between anchors: its rows depend smoothly on it."""
+    """Whether a parameter is a number of a loop between anchors."""
     kind, *where = parameter.place or ("",)
     return kind == "loops" and isinstance(records_of(mechanism)[where[0]][-1], Loop)
 

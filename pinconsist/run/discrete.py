@@ -254,6 +254,10 @@ class Discrete:
             made, end, velocity = self._solver.taken(steps)
         return StepLinearization(self.inputs.names, float(t[-1]), end, velocity, self, start, (made, t[1:]))
 
+    def of_steps(self, start, made, end) -> StepLinearization:
+        """The linearisation of the steps that a run has made from `start`, as StageSteps, to `end`, (t, q, v)."""
+        return StepLinearization(self.inputs.names, *end, self, start, (made, made.t))
+
     def through(self, steps, states):
         """The ends of steps by their starts along directions `states` (2 nv, n), and by the inputs."""
         n = states.shape[1]

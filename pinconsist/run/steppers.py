@@ -351,5 +351,10 @@ class RadauStepper(Stepper):
         super().close()
         self._forget_functions()
 
+    def steps_since(self, t):
+        """The steps since a time, as StageSteps; None if a force has jumped since then, or if they are too many."""
+        found = self._core.steps_since(t)
+        return None if found is None else required().StageSteps(*found)
+
     def _curve(self, starts, ends, polynomials):
         return StageCurve(polynomials, starts[0], ends, self.system, self._sampler)

@@ -363,11 +363,17 @@ class Simulation:
             raise InputError(f"steps of Radau are linearised, not of {self._method.name}: choose method='Radau'")
         self._up_to_date()
         self._renew()
-        rows, orders = self._record.since(self._before[0])
-        if not all(orders):
-            raise InputError("an event, or a force that jumps, acted in the last step: make shorter steps around it")
-        discrete = self._linearizer(self._before[0], None if inputs is None else tuple(np.atleast_1d(inputs).tolist()))
-        return discrete.along(self._before, rows, orders, self._again)
+        start, reached = self._before, self._place
+        made = self._stepper.steps_since(start[0]) if self._stepper.t == reached[0] else None
+        if made is None:
+            rows, orders = self._record.since(start[0])
+            if not all(orders):
+                what = "an event, or a force that jumps, acted in the last step"
+                raise InputError(f"{what}: make shorter steps around it")
+        discrete = self._linearizer(start[0], None if inputs is None else tuple(np.atleast_1d(inputs).tolist()))
+        if made is None:
+            return discrete.along(start, rows, orders, self._again)
+        return discrete.of_steps(start, made, reached)
 
     def _linearizer(self, t, names) -> Discrete:
         """What linearises steps under the commands that are held; actuators may be at their limits."""
