@@ -25,7 +25,7 @@ from .known import Pull, unit_torque
 from .propagator import Propagator
 
 CLEARLY, ROUNDING = 0.1, 1e-9  # of unit motions: least speed of a coordinate that others do not determine
-SLANTED = 1e4  # condition of the other coordinates beyond which coordinates are chosen anew
+SLANTED = 1e4  # mean condition of the other coordinates beyond which coordinates are chosen anew
 APART = 1e-4  # of a unit change of the state: differences of the multipliers of redundant rows
 COMMAND_STEP = 1e-3  # relative step of differences by a command, in which actuators are linear between their limits
 
@@ -279,8 +279,8 @@ class Discrete:
         """
         nv, compiled = self.system.nv, self._index1.compiled
         J = compiled.dynamics(t, q, v)[2]
-        columns, inverse = self._chosen(J)
-        others, d = np.delete(np.arange(nv), columns), len(columns)
+        columns, others, inverse = self._chosen(J)
+        d = len(columns)
         Z = np.zeros((nv, d))
         Z[columns, np.arange(d)] = 1.0
         Z[others] = -inverse @ J[:, columns]
@@ -302,18 +302,19 @@ class Discrete:
         return bend
 
     def _chosen(self, J):
-        """The columns of the coordinates, the last ones if they still do, and the inverse of the other columns of J."""
-        model, actuated = self.system.model, self.system.mechanism.actuated
-        for again in (False, True):
-            if self._columns is None or again:
-                own = [range(model.nv)[self.system.mechanism.columns(joint)] for joint in actuated]
-                order = dict.fromkeys([*(column for columns in own for column in columns), *range(model.nv)])
-                self._columns = _independent(null_space(J), list(order))
-            B = np.delete(J, self._columns, axis=1)
-            inverse = np.linalg.pinv(B) if again else _inverse(B)
-            if inverse is not None and np.abs(inverse).max(initial=0.0) * np.abs(B).max(initial=0.0) < SLANTED:
-                break
-        return self._columns, inverse
+        """The columns of the coordinates, the last ones if they still do, the others, and the inverse of these in J."""
+        if self._columns is not None:
+            B = J[:, self._columns[1]]
+            inverse = _inverse(B)
+            if inverse is not None and np.vdot(inverse, inverse) * np.vdot(B, B) <= (SLANTED * len(B)) ** 2:
+                return *self._columns, inverse
+        mechanism, nv = self.system.mechanism, self.system.nv
+        own = [range(nv)[mechanism.columns(joint)] for joint in mechanism.actuated]
+        order = dict.fromkeys([*(column for columns in own for column in columns), *range(nv)])
+        columns = _independent(null_space(J), list(order))
+        others = np.delete(np.arange(nv), columns)
+        self._columns = columns, others
+        return columns, others, np.linalg.pinv(J[:, others])
 
     def multipliers(self, t, q, v, S):
         """The derivatives of all multipliers at a state, (n, nc), from those of the state, (n, 2 nv)."""
