@@ -48,19 +48,17 @@ def _of_scene(scene) -> list[Way]:
         warnings.simplefilter("ignore")
         mech = pc.load(scene).with_forces()
     sims = {f"rtol {tol:g}": pc.Simulation(mech, rtol=tol, atol=tol) for tol in TOLERANCES}
-    many = {f"{RUNS} at once, {n} thread{'s' * (n > 1)}": pc.Simulations(mech, RUNS, threads=n) for n in (1, 2)}
-    ways = {name: (sim.step, 1) for name, sim in sims.items()} | {
-        name: (each.step, RUNS) for name, each in many.items()
-    }
+    many = {f"{RUNS} at once, {_threads(n)}": pc.Simulations(mech, RUNS, threads=n) for n in (1, 2)}
+    ways = {name: (_repeated(sim.step), 1) for name, sim in sims.items()}
+    ways |= {name: (_repeated(each.step), RUNS) for name, each in many.items()}
     peer = _mujoco(mech)
     if peer is not None:
-        ways["MuJoCo implicitfast"] = peer[0], 1
+        ways |= peer.ways
     times = {name: [] for name in ways}
     for _ in range(ROUNDS):
-        for name, (step, runs) in ways.items():
+        for name, (steps, runs) in ways.items():
             begun = time.process_time(), time.perf_counter()
-            for _ in range(STEPS):
-                step(SAMPLE)
+            steps()
             ended = time.process_time(), time.perf_counter()
             times[name].append([(b - a) / (STEPS * runs) for a, b in zip(begun, ended, strict=True)])
     exact = pc.Simulation(mech, rtol=EXACT, atol=EXACT)
@@ -72,7 +70,7 @@ def _of_scene(scene) -> list[Way]:
         process, wall = np.median(times[name], axis=0).tolist()
         error, gap = np.nan, np.nan
         if name.startswith("MuJoCo"):
-            gap = peer[1]()
+            gap = peer.gap()
         else:
             q = sims[name].state.q if name in sims else many[name].state.q[-1]
             error = float(np.abs(q - exact.state.q).max())
@@ -81,8 +79,22 @@ def _of_scene(scene) -> list[Way]:
     return rows
 
 
+def _threads(n) -> str:
+    return f"{n} thread{'s' * (n > 1)}"
+
+
+def _repeated(step):
+    """A function that makes the steps of a round one by one."""
+
+    def steps():
+        for _ in range(STEPS):
+            step(SAMPLE)
+
+    return steps
+
+
 def _mujoco(mech):
-    """(step, gap) of MuJoCo with this mechanism; None if it is not installed, or cannot have it."""
+    """MuJoCo with this mechanism; None if it is not installed, or cannot have it."""
     try:
         import mujoco
     except ImportError:
@@ -94,16 +106,37 @@ def _mujoco(mech):
             model = mujoco.MjModel.from_xml_path(str(file))
         except (pc.PinconsistError, ValueError):
             return None
-    model.opt.timestep = SAMPLE
-    model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    data = mujoco.MjData(model)
-    if model.nkey:
-        mujoco.mj_resetDataKeyframe(model, data, 0)
+    return MuJoCo(mujoco, model)
 
-    def gap():
-        return float(np.abs(data.efc_pos[: data.ne]).max(initial=0.0))
 
-    return lambda dt: mujoco.mj_step(model, data), gap
+class MuJoCo:
+    """The rounds of MuJoCo: one run step by step, and many at once by its `rollout`, a whole round in one call."""
+
+    def __init__(self, mujoco, model):
+        from mujoco import rollout
+
+        model.opt.timestep = SAMPLE
+        model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        self._data = mujoco.MjData(model)
+        if model.nkey:
+            mujoco.mj_resetDataKeyframe(model, self._data, 0)
+        self.ways = {"MuJoCo implicitfast": (_repeated(lambda dt: mujoco.mj_step(model, self._data)), 1)}
+        start = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+        mujoco.mj_getState(model, self._data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        states = {n: np.tile(start, (RUNS, 1)) for n in (1, 2)}
+        for n in states:
+            own = [mujoco.MjData(model) for _ in range(n)]
+            pool = rollout.Rollout(nthread=n if n > 1 else 0)  # 0: the calling thread
+
+            def steps(n=n, own=own, pool=pool):
+                found, _ = pool.rollout(model, own, states[n], nstep=STEPS)
+                states[n] = np.ascontiguousarray(found[:, -1])
+
+            self.ways[f"MuJoCo rollout, {RUNS} at once, {_threads(n)}"] = steps, RUNS
+
+    def gap(self) -> float:
+        """How far the loops are open, m."""
+        return float(np.abs(self._data.efc_pos[: self._data.ne]).max(initial=0.0))
 
 
 def command(

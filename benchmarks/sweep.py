@@ -12,7 +12,7 @@ from typing import Annotated
 
 import numpy as np
 
-from pinconsist import load, simulate, sweep
+from pinconsist import Simulations, load, simulate, sweep
 from pinconsist.cli import output
 from pinconsist.cli.scene import option
 from pinconsist.run.steppers import Stepper
@@ -143,6 +143,54 @@ def _free_share(work, cases) -> float:
         Stepper.advance = advance
 
 
+@dataclass(frozen=True)
+class Ensemble:
+    """Many cases that differ in a mass: their wall and process time, s, from the mechanism to the last states."""
+
+    way: str
+    cases: int
+    wall: float
+    process: float
+    per_second: float
+
+
+def ensembles(count=2000, rounds=3) -> list[Ensemble]:
+    """Time crank-rockers with random masses, 1 s each, the ways in turn; the least times."""
+    masses = np.random.default_rng(0).uniform(0.5, 2.0, count)
+    ways = {
+        "pc.sweep of simulate": partial(_swept, masses),
+        "Simulations, 1 thread": partial(_at_once, masses, 1),
+        "Simulations, 2 threads": partial(_at_once, masses, 2),
+    }
+    least = {way: np.array([np.inf, np.inf]) for way in ways}
+    ends = {}
+    for _ in range(rounds):
+        for way, work in ways.items():
+            begun = time.perf_counter(), time.process_time()
+            ends[way] = work()
+            ended = time.perf_counter(), time.process_time()
+            least[way] = np.minimum(least[way], np.subtract(ended, begun))
+    first, *others = ends.values()
+    if not all(np.array_equal(first, each) for each in others):
+        raise AssertionError("the ways do not agree to the last bit")
+    return [Ensemble(way, count, *times.tolist(), count / times[0]) for way, times in least.items()]
+
+
+def _with_mass(mass):
+    sol = simulate(mechanism().with_parameters({"mass:coupler": mass}), (0.0, 1.0), v0={"crank": SPEEDS[0]})
+    return sol.q[-1]
+
+
+def _swept(masses):
+    return np.array([outcome.value for outcome in sweep(_with_mass, masses.tolist())])
+
+
+def _at_once(masses, threads):
+    sims = Simulations(mechanism(), len(masses), v0={"crank": SPEEDS[0]}, threads=threads)
+    sims.set_parameters({"mass:coupler": masses})
+    return sims.step(1.0).q
+
+
 # fmt: off
 def command(
     count: Annotated[int, option("--count", "N", "Cases of the sweeps.")] = 1000,
@@ -150,18 +198,20 @@ def command(
     as_json: output.Json = False,
 ) -> int:
     # fmt: on
-    """Compare sweeps over runs of the crank-rocker with these runs alone, and two threads with one.
+    """Compare sweeps over runs of the crank-rocker with these runs alone, two threads with one, and many runs at once.
 
-    Threads go to FILE_threads.csv.
+    Threads go to FILE_threads.csv, runs at once to FILE_ensembles.csv.
 
     Example: python -m benchmarks sweep --count 300
     """
     output.require_writable(csv=csv)
     rows = [asdict(row) for row in sweeps(count)]
     pairs = [asdict(threads(until, method)) for method in ("BDF", "Radau") for until in (1.0, 5.0)]
+    many = [asdict(row) for row in ensembles(2 * count)]
     if csv:
         report.write_csv(report.beside(csv, "threads"), pairs)
-    if report.in_files(csv, as_json, rows, sweeps=rows, threads=pairs):
+        report.write_csv(report.beside(csv, "ensembles"), many)
+    if report.in_files(csv, as_json, rows, sweeps=rows, threads=pairs, ensembles=many):
         return output.FINE
     columns = [
         ("sweep", "{way}"),
@@ -179,4 +229,12 @@ def command(
         ("cases of two threads / one>", "{ratio:.2f}"),
     ]
     report.table(pairs, columns, "two threads: least wall times; of a machine that has two processors to spare")
+    columns = [
+        ("way", "{way}"),
+        ("cases>", "{cases}"),
+        ("wall [s]>", "{wall:.2f}"),
+        ("process [s]>", "{process:.2f}"),
+        ("cases a second>", "{per_second:.0f}"),
+    ]
+    report.table(many, columns, "crank_rocker, 1 s, random masses: from the mechanism to the last states")
     return output.FINE

@@ -5,8 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.changed_numbers import CHANGES
+from helpers.changed_numbers import scene as with_springs
 
 import pinconsist as pc
+from pinconsist.mechanism.parameters import parameter
 
 N = 5
 
@@ -193,3 +196,108 @@ def test_a_change_of_parameters_keeps_the_torques_that_are_held():
     assert np.array_equal(sims.step(0.01).q[0], sim.step(0.01).q)
     with pytest.raises(pc.InputError, match="needs a mapping"):
         sims.set_parameters(["mass:coupler"])
+
+
+IN_PLACE = {name: value for name, value in CHANGES.items() if name not in ("gravity[2]", "length:left_distal")}
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_parameters_of_a_run_give_the_same_numbers_whatever_the_other_runs_are(threads):
+    mech = with_springs()
+    start = pc.assemble(mech)
+    shares = np.array([1.0, 0.2, 0.6, 0.0, 0.9])
+    anchors = {name: shares * value for name, value in IN_PLACE.items() if name.startswith(("tip", "anchor"))}
+    values = {name: (0.5 + shares) * value for name, value in IN_PLACE.items()} | anchors
+    together = pc.Simulations(mech, 5, start.q, threads=threads)
+    backwards = pc.Simulations(mech, 5, start.q, threads=1)
+    together.step(0.01)  # a run of other parameters before does not matter
+    together.reset(None, start.q)
+    together.set_parameters(values)
+    backwards.set_parameters({name: numbers[::-1] for name, numbers in values.items()})
+    for _ in range(5):
+        states, others = together.step(0.02, {"left_crank": 0.3}), backwards.step(0.02, {"left_crank": 0.3})
+    np.testing.assert_array_equal(states.q, others.q[::-1])
+    np.testing.assert_array_equal(states.v, others.v[::-1])
+    np.testing.assert_array_equal(together.lam, backwards.lam[::-1])
+    for i in range(5):
+        sim = pc.Simulation(mech, start.q)
+        sim.set_parameters({name: float(numbers[i]) for name, numbers in values.items()})
+        for _ in range(5):
+            state = sim.step(0.02, {"left_crank": 0.3})
+        np.testing.assert_array_equal(states.q[i], state.q)
+        np.testing.assert_array_equal(together.lam[i], sim.lam)
+    assert len({row.tobytes() for row in states.q}) == 5
+
+
+def test_a_change_of_parameters_of_some_runs_back_and_forth_leaves_nothing():
+    mech = with_springs()
+    sims, fresh = pc.Simulations(mech, 2), pc.Simulations(mech, 2)
+    start = sims.state
+    sims.set_parameters(IN_PLACE, [0])
+    sims.step(0.01)
+    sims.set_parameters({name: parameter(mech, name).value for name in IN_PLACE}, [0])
+    sims.reset(None, start.q, start.v)
+    for _ in range(3):
+        states, expected = sims.step(0.01), fresh.step(0.01)
+    np.testing.assert_array_equal(states.q, expected.q)
+
+
+def test_runs_with_other_numbers_of_stages_share_a_stepper():
+    mech = pc.load("crank_rocker")
+    speeds = np.array([0.0, 3.0, 20.0, 80.0])
+    starts = [pc.assemble(mech, v0={"crank": speed}) for speed in speeds]
+    q, v = np.array([each.q for each in starts]), np.array([each.v for each in starts])
+    options = {"rtol": 1e-9, "atol": 1e-11}
+    sims = pc.Simulations(mech, 4, q, v, threads=1, **options)
+    for _ in range(25):
+        states = sims.step(0.02)
+    orders = set()
+    for i in range(4):
+        sim = pc.Simulation(mech, **options)
+        sim.reset(q[i], v[i])
+        for _ in range(25):
+            state = sim.step(0.02)
+        np.testing.assert_array_equal(states.q[i], state.q)
+        orders.update(sim.solution().order.tolist())
+    assert orders == {9, 13}
+
+
+@pytest.mark.parametrize("name", ["crank_rocker", "delta_robot", "stewart_platform"])
+def test_a_run_that_begins_anew_remembers_nothing(name):
+    mech = pc.load(name)
+    start = pc.Simulation(mech).state
+    used, fresh = pc.Simulation(mech), pc.Simulation(mech)
+    for _ in range(20):
+        used.step(0.02)
+    used.reset(start.q, start.v)
+    fresh.reset(start.q, start.v)
+    for _ in range(3):
+        state, expected = used.step(0.002), fresh.step(0.002)
+    np.testing.assert_array_equal(state.q, expected.q)
+    np.testing.assert_array_equal(state.v, expected.v)
+
+
+def test_runs_whose_parameters_cannot_be_changed_in_place_go_on_alone():
+    mech = pc.load("crank_rocker")
+    sims = pc.Simulations(mech, 3, v0={"crank": 5.0}, threads=1)
+    sims.step(0.01, {"crank": 0.4})
+    before = sims.state
+    sims.set_parameters({"gravity[2]": -1.0}, [1])
+    sims.step(0.01)
+    states = sims.step(0.01)
+    own = mech.with_parameters({"gravity[2]": -1.0})
+    sim = pc.Simulation(own, before.q[1], before.v[1], t0=float(before.t[1]))
+    sim.step(0.01, {"crank": 0.4})
+    np.testing.assert_allclose(states.q[1], sim.step(0.01).q, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(states.q[0], states.q[2])
+    assert not np.array_equal(states.q[0], states.q[1])
+    assert sims.mechanism.model.gravity.linear[2] == mech.model.gravity.linear[2]
+
+
+def test_runs_whose_loops_cannot_be_closed_are_not_changed():
+    sims = pc.Simulations(with_springs(), 2)
+    before = sims.state
+    with pytest.raises(pc.AssemblyError):
+        sims.set_parameters({"tip.xyz2[0]": 5.0})
+    np.testing.assert_array_equal(sims.state.q, before.q)
+    np.testing.assert_array_equal(sims.step(0.01).q, pc.Simulations(with_springs(), 2).step(0.01).q)

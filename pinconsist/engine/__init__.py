@@ -11,8 +11,8 @@ The order of the C++ headers: ``tuning.hpp`` (the constants), ``system.hpp`` (eq
 ``rows.hpp``, ``forces.hpp`` and ``callback_system.hpp``; ``lanes.hpp`` and ``state_lanes.hpp`` (several
 states at once, by the vectors of the processor); ``kkt.hpp``; ``run.hpp`` (the loop of a run) with
 ``events.hpp``; BDF: ``bdf.hpp``, ``newton.hpp``, ``control.hpp``, ``start.hpp``, ``stepper.hpp``; Radau IIA:
-``radau.hpp``, ``stages.hpp``, ``stage_matrix.hpp``, ``collocation.hpp``, ``radau_stepper.hpp``; ``gradient.hpp``
-(derivatives).
+``radau.hpp``, ``stages.hpp``, ``stage_matrix.hpp``, ``collocation.hpp``, ``radau_stepper.hpp``; ``numbers.hpp``
+and ``ensemble.hpp`` (many runs at once); ``gradient.hpp`` (derivatives).
 """
 
 import atexit

@@ -88,24 +88,17 @@ public:
     forces_.push_back(std::move(force));
     lane_tree_.reset();
   }
-  // Numbers that are changed in place. They return false where that is not possible.
+  // What numbers.hpp changes in place.
   int number_of_rows() const { return static_cast<int>(rows_.size()); }
   int number_of_forces() const { return static_cast<int>(forces_.size()); }
-  bool place_rows(int part, int body, const Vector3d &x) {
-    return rows_.at(part).first->place(body, x) && renew_lanes();
-  }
-  bool set_number(int force, const std::string &name, double value) {
-    double *number = forces_.at(force)->number(name);
-    if (number) *number = value;
-    return number && renew_lanes();
-  }
-  // After a change of a body of the tree.
-  bool renew_lanes() {
-    if (lane_tree_) {
-      lane_tree_.reset();
-      in_lanes(); // in the same place
-    }
-    return true;
+  bool place_rows(int part, int body, const Vector3d &x) { return rows_.at(part).first->place(body, x); }
+  double *number(int force, const std::string &name) { return forces_.at(force)->number(name); } // null if it has none
+  Vec &damping() { return damping_; }
+  // After changes of these, or of bodies of the tree.
+  void renew_lanes() {
+    if (!lane_tree_) return;
+    lane_tree_.reset();
+    in_lanes(); // in the same place
   }
 
   void add_constant(const Vec &torque) { constant_ += torque; }

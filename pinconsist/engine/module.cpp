@@ -5,6 +5,7 @@
 #include "index1.hpp"
 #include "kept_rows.hpp"
 #include "measured.hpp"
+#include "numbers.hpp"
 #include "rates.hpp"
 
 #include <Eigen/QR>
@@ -53,7 +54,7 @@ namespace {
 using namespace nb::literals;
 using Pose = Eigen::Matrix4d;
 using Place = std::array<int, 3>;     // of a joint: Coordinate
-using Numbers = std::array<double, 5>; // of a Motion
+using Curve = std::array<double, 5>;  // numbers of a Motion
 using Range = std::pair<double, double>;
 using Shares = std::vector<std::pair<Place, double>>; // of joints in a sum
 
@@ -86,7 +87,7 @@ nb::handle lapack_loader; // let go at the end of the process
 
 // Arguments from Python as the types that rows and forces take.
 SE3 taken(const Pose &pose) { return SE3(Matrix3d(pose.topLeftCorner<3, 3>()), Vector3d(pose.topRightCorner<3, 1>())); }
-Motion taken(const Numbers &n) { return {n[0], n[1], n[2], n[3], n[4]}; }
+Motion taken(const Curve &n) { return {n[0], n[1], n[2], n[3], n[4]}; }
 Coordinate taken(const Place &n) { return {n[0], n[1], n[2] != 0}; }
 Sum taken(const Shares &shares) {
   Sum sum;
@@ -173,8 +174,7 @@ NB_MODULE(_engine, m) {
              for (const auto *each : branches) all.push_back(*each);
              new (at) Model(all, armature, gravity);
            },
-           "branches"_a, "armature"_a, "gravity"_a)
-      .def("set_body", &Model::set_body);
+           "branches"_a, "armature"_a, "gravity"_a);
   nb::class_<Data>(m, "Workspace").def(nb::init<std::shared_ptr<const Model>>(), "tree"_a);
 
   nb::class_<System>(m, "System").def_ro("nc", &System::nc).def_prop_ro("calls_python", &System::calls_python);
@@ -193,30 +193,28 @@ NB_MODULE(_engine, m) {
       .def("add_distance", adds<DistanceRow, int, Pose, int, Pose, double>())
       .def("add_turn", adds<TurnRows, int, Pose, int, Pose>())
       .def("add_tilt", adds<TiltRows, int, Pose, int, Pose, Vector3d, Mat>())
-      .def("add_drive", adds<DriveRow, Place, double, Numbers>())
+      .def("add_drive", adds<DriveRow, Place, double, Curve>())
       .def("add_coupling", adds<CouplingRow, Shares, Shares, double, Vec>())
       .def("add_python_rows",
            [](MechanismSystem &s, nb::object closure, std::vector<int> local, bool moving, double step) {
              s.add_rows(std::make_unique<PythonRows>(closure, std::move(local), moving, step));
            })
       .def_prop_ro("G_transposed", [](const MechanismSystem &s) { return s.G_transposed(); }) // of the last evaluation
+      .def_prop_ro("in_lanes", [](MechanismSystem &s) { return s.in_lanes() != nullptr; })
       .def_prop_ro("number_of_rows", &MechanismSystem::number_of_rows)
       .def_prop_ro("number_of_forces", &MechanismSystem::number_of_forces)
-      .def("place_rows", &MechanismSystem::place_rows)
-      .def("set_number", &MechanismSystem::set_number)
-      .def("renew_lanes", &MechanismSystem::renew_lanes)
       .def("add_constant", &MechanismSystem::add_constant)
       .def("add_damping", &MechanismSystem::add_damping)
       .def("add_friction", adds<SmoothFriction, Vec, double>())
-      .def("add_servo", adds<Servo, Place, double, Numbers, double, double>())
-      .def("add_torque_curve", adds<TorqueCurve, int, Numbers>())
+      .def("add_servo", adds<Servo, Place, double, Curve, double, double>())
+      .def("add_torque_curve", adds<TorqueCurve, int, Curve>())
       .def("add_spring", adds<SpringDamper, int, Vector3d, int, Vector3d, double, double, double, double>())
       .def("add_wrench", adds<Wrench, int, Vector3d, Vector3d, Vector3d, bool>())
       .def("add_held", adds<HeldTorque, std::shared_ptr<HeldTable>>())
       .def("held_table", [](MechanismSystem &) { return std::make_shared<HeldTable>(); })
       .def("add_actuator",
            [](MechanismSystem &s, const std::vector<Place> &joints, const Vec &arms, const Vector3d &gain, const Vector3d &bias,
-              const Range &control, const Range &force, const Numbers &curve, const std::vector<double> &times,
+              const Range &control, const Range &force, const Curve &curve, const std::vector<double> &times,
               const std::vector<double> &values, std::shared_ptr<HeldTable> held) {
              std::vector<Coordinate> places;
              for (const auto &joint : joints) places.push_back(taken(joint));
@@ -293,6 +291,16 @@ NB_MODULE(_engine, m) {
         s.linearize(t, p, v, a, Vec(), c, A, true);
         return A;
       });
+
+  nb::class_<Numbers>(m, "Numbers")
+      .def(nb::init<Model &, MechanismSystem &>(), "tree"_a, "system"_a, nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>())
+      .def("add_body", &Numbers::add_body, "joint"_a)
+      .def("add_place", &Numbers::add_place, "part"_a, "end"_a, "now"_a)
+      .def("add_note", &Numbers::add_note, "now"_a)
+      .def("add_number", &Numbers::add_number, "force"_a, "name"_a)
+      .def("add_damping", &Numbers::add_damping)
+      .def_prop_ro("values", [](const Numbers &numbers) { return array(numbers.values()); })
+      .def("set", &Numbers::set, "values"_a);
 
   nb::class_<Rates, MechanismSystem>(m, "Rates")
       .def(nb::init<std::shared_ptr<Data>>(), "workspace"_a)

@@ -68,6 +68,8 @@ public:
   const std::vector<int> &order() const { return order_; }
   // Try those of another one first.
   void follow(const Elimination &other) { order_ = other.order_; }
+  // The same of its columns; empty: all are chosen anew.
+  void follow(const std::vector<int> &order) { order_ = order; }
 
 private:
   double steep() const {

@@ -61,6 +61,11 @@ public:
   // The next step begins where this one ends.
   void accepted() { matrix_.accepted(); }
 
+  // What later steps depend on.
+  auto lasting() { return std::tie(contraction_, h_before_, kept_h_, kept_rate_, kept_steps_); }
+  void remember(StageMatrix::Memory &to) { matrix_.remember(to, kept_h_ != 0.0); }
+  void recall(const StageMatrix::Memory &from) { matrix_.recall(from); }
+
   // M, ∂f/∂v and ∂f/∂p at the last stage, as in Newton's matrix.
   auto at_end() const { return matrix_.at_end(); }
 
@@ -71,7 +76,7 @@ public:
     const double floor = 20.0 * EPS * s * s / std::abs(stages.h);
     double last = 0.0, first = 0.0;
     rate = 0.0;
-    const double longer = std::max(1.0, std::abs(stages.h / h_before_));
+    const double longer = h_before_ != 0.0 ? std::max(1.0, std::abs(stages.h / h_before_)) : 1.0;
     contraction_ *= longer * longer; // it grows at most like h²; the start values are those of shorter steps
     h_before_ = stages.h;
     const bool same = kept_h_ != 0.0 && std::abs(stages.h - kept_h_) <= SAME_STEP * std::abs(kept_h_);
@@ -165,7 +170,7 @@ private:
   bool eager_;
   // Contraction in the last steps, over the root of the first increment: the matrix is that of the state before it.
   double contraction_ = 0.0;
-  double h_before_ = INF; // the step tried before
+  double h_before_ = 0.0; // the step tried before, 0 if there is none
   // The step of the matrix, 0 if it is not to be kept; steps since then; contraction with it, 0 if it is not known.
   double kept_h_ = 0.0, kept_rate_ = 0.0;
   int kept_steps_ = 0;

@@ -18,6 +18,11 @@ public:
       : Run(system), newton(system, switches), switches_(switches), sampler(system), kkt_(system.nv, system.nc), within_(system.nv, system.nc),
         stiff_forces_(system) {}
 
+  // What later steps depend on, besides the system, switches and `turns`.
+  auto lasting() {
+    return std::tuple_cat(lasting_of_run(), std::tie(used_s, v, a, lam, control, slope_, stage_a_, shaped_, shape_), newton.lasting());
+  }
+
   // A first step with error FIRST_ERROR, from the time in which the acceleration changes by its own size.
   double first_step(double t_end) {
     const double limit = std::abs(t_end - t), tiny = 1e-300, near = FIRST_REACH * (1.0 + largest(p));
@@ -635,6 +640,31 @@ private:
   Mat modes_, coefficients_, rhs_, all_rhs_, between_, between_v_;
   Vec missed_, tau_, v_between_;
   Vec weight_, p1_, v1_, a1_, lam1_, moved_, shift_;
+};
+
+template <class... Numbers> std::tuple<Numbers...> values_of(std::tuple<Numbers &...>);
+
+// A run of Radau IIA between two steps, so that one stepper makes the steps of many runs. A new one has only tolerances.
+class RadauMemory {
+public:
+  RadauMemory() = default;
+  explicit RadauMemory(const RadauControl &control) { std::get<RadauControl>(numbers_) = control; }
+
+  void remember(RadauStepper &run) {
+    numbers_ = run.lasting();
+    table_ = run.newton.stages.table;
+    if (table_) run.newton.remember(matrix_);
+  }
+  void recall(RadauStepper &run) const {
+    if (table_ && run.newton.stages.table != table_) run.newton.use(*table_);
+    if (run.newton.stages.table) run.newton.recall(matrix_);
+    run.lasting() = numbers_;
+  }
+
+private:
+  decltype(values_of(std::declval<RadauStepper &>().lasting())) numbers_;
+  const RadauTable *table_ = nullptr;
+  StageMatrix::Memory matrix_;
 };
 
 } // namespace pinconsist

@@ -208,6 +208,12 @@ public:
   }
 
 protected:
+  // What later steps depend on.
+  auto lasting_of_run() {
+    return std::tie(t, h, used_h, p, first, taken, reached, reached_by, reached_order, begun_, begins_, resumes_, has_started_,
+                    headway_, window_steps_, window_failed_, window_t_);
+  }
+
   explicit Run(System &system) : system_(system), index1_(system) {}
 
   bool begun_ = false;           // the run has begun before

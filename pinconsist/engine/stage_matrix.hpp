@@ -31,6 +31,19 @@ class StageMatrix {
 public:
   double gap = 0.0; // of the loops that are not closed, at the stages evaluated last
 
+  // What later steps depend on, of a system in lanes.
+  struct Memory {
+    Mat F_before;
+    StateLanes::Choice choice;
+    std::vector<std::vector<int>> orders;
+    // Of a matrix that is kept.
+    bool kept = false, rows_bend = false, in_blocks = false, filled = false;
+    std::vector<double> derivatives;
+    LU lu{0};
+    StageBlocks blocks;
+    std::vector<Chart> charts;
+  };
+
   StageMatrix(System &system, const Stages &stages, const Switches &switches)
       : system_(system), stages_(stages), few_(switches.few_derivatives), may_lanes_(switches.lanes), with_rows_(switches.row_derivatives), lu_(0),
         dependent_(system.nc), columns_(system.nc, system.nc), lam_(system.nc) {
@@ -109,6 +122,50 @@ public:
       if (fresh && i == s - 1) rows_bend_ = differentiate_rows(slow, (symmetric() ? right_ : left_).back().order().data());
     }
     return true;
+  }
+
+  // After a step; `keeps` the matrix. Between `recall` and this, the memory of a matrix that was not renewed is the same.
+  void remember(Memory &to, bool keeps) {
+    to.F_before = F_before_;
+    states_.remember(to.choice);
+    to.orders.resize(right_.size() + left_.size());
+    auto order = to.orders.begin();
+    for (const auto *all : {&right_, &left_})
+      for (const auto &each : *all) *order++ = each.order();
+    to.kept = keeps && side_by_side_;
+    if (!to.kept || !std::exchange(renewed_, false)) return;
+    to.rows_bend = rows_bend_;
+    to.in_blocks = in_blocks_;
+    to.filled = states_.fields.filled;
+    states_.remember_derivatives(to.derivatives);
+    to.lu = lu_;
+    to.blocks = blocks_;
+    to.charts = charts_;
+  }
+
+  // Go on as after `remember`, with as many stages; an empty memory is that of a new matrix.
+  void recall(const Memory &from) {
+    F_before_ = from.F_before;
+    states_.recall(from.choice);
+    size_t order = 0;
+    for (auto *all : {&right_, &left_})
+      for (auto &each : *all) {
+        each.follow(order < from.orders.size() ? from.orders[order] : std::vector<int>());
+        ++order;
+      }
+    renewed_ = false;
+    side_by_side_ = from.kept;
+    if (!from.kept) return;
+    rows_bend_ = from.rows_bend;
+    if (rows_bend_) F_ = F_before_; // of the step in which it was factorised
+    in_blocks_ = from.in_blocks;
+    states_.recall_derivatives(from.derivatives);
+    states_.fields.filled = from.filled;
+    unpack(stages_.size() - 1);
+    lu_ = from.lu;
+    blocks_ = from.blocks;
+    charts_ = from.charts;
+    pack_charts();
   }
 
   // Whether later steps may be solved with the matrix that was factorised last.
@@ -240,6 +297,7 @@ private:
   }
 
   bool factorise_lanes() {
+    renewed_ = true;
     const RadauTable &table = *stages_.table;
     const lanes::Kernel &kernel = states_.kernel();
     const Mat &at_start = F_before_.size() ? F_before_ : F_;
@@ -493,6 +551,7 @@ private:
   std::vector<lanes::Chart> lane_charts_;
   std::vector<std::vector<double>> chart_numbers_; // of them
   bool side_by_side_ = false; // all stages have the same dependent velocities
+  bool renewed_ = false;      // factorised since `recall`
   Vec times_;
   Vec lam_, p_, v_, w_, xi_, y_, spare_;
 };

@@ -4,6 +4,7 @@
 #include "lanes.hpp"
 #include "tree.hpp"
 
+#include <algorithm>
 #include <map>
 #include <optional>
 
@@ -222,6 +223,50 @@ public:
 
   StateLanes() = default;
   StateLanes(const StateLanes &) = delete;
+
+  // The dependent velocities chosen last, and the rows that determine them.
+  struct Choice {
+    std::vector<int> order, rows;
+    std::vector<unsigned char> filled;
+    bool chosen = false;
+  };
+  void remember(Choice &to) const {
+    to.order = order_;
+    to.rows = rows_;
+    to.filled = filled_;
+    to.chosen = reduction.chosen;
+  }
+  void recall(const Choice &from) {
+    reduction.chosen = from.chosen;
+    if (!from.chosen) return;
+    std::copy(from.order.begin(), from.order.end(), order_.begin());
+    std::copy(from.rows.begin(), from.rows.end(), rows_.begin());
+    std::copy(from.filled.begin(), from.filled.end(), filled_.begin());
+  }
+  // M, D and K of all states, without those that stand for places without one.
+  void remember_derivatives(std::vector<double> &to) const {
+    const long items = static_cast<long>(tree_->nv) * tree_->nv;
+    to.resize(3 * items * states_);
+    double *next = to.data();
+    for (const double *of : {fields.M, fields.D, fields.K})
+      for (int first = 0; first < states_; first += width_)
+        for (long k = 0; k < items; ++k) {
+          const double *from = of + ((first / width_) * items + k) * width_;
+          for (int i = 0; i < std::min(width_, states_ - first); ++i) *next++ = from[i];
+        }
+  }
+  void recall_derivatives(const std::vector<double> &from) {
+    const long items = static_cast<long>(tree_->nv) * tree_->nv;
+    const double *next = from.data();
+    for (double *of : {fields.M, fields.D, fields.K})
+      for (int first = 0; first < states_; first += width_) {
+        const int last = std::min(width_, states_ - first) - 1;
+        for (long k = 0; k < items; ++k, next += last + 1) {
+          double *to = of + ((first / width_) * items + k) * width_;
+          for (int i = 0; i < width_; ++i) to[i] = next[std::min(i, last)];
+        }
+      }
+  }
 
   const lanes::Kernel &kernel() const { return *kernel_; }
   const lanes::Tree &tree() const { return *tree_; }

@@ -1,12 +1,9 @@
 // Python bindings of BDF and Radau IIA: steppers that make batches of steps.
-#include "radau_stepper.hpp"
+#include "ensemble.hpp"
 #include "stepper.hpp"
 
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
-
-#include <atomic>
-#include <thread>
 
 namespace pinconsist {
 namespace {
@@ -126,83 +123,6 @@ template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) 
            });
 }
 
-// Runs that are advanced together, without Python, and the torques and commands that each holds. Their steps are not kept.
-struct Together {
-  const std::vector<RadauStepper *> &runs;
-  const std::vector<HeldTable *> &tables; // of all runs, equally many each: that of the torques of all velocities, those of commands
-  const Table &held;                      // a row for each run; NaN where no command was given
-  double dt;
-  nb::object none = nb::none();
-
-  // Why a run has failed; empty if it has not.
-  std::string advance(int i) const {
-    RadauStepper &run = *runs[i];
-    bool jumped = hold(i);
-    const double t_end = run.t + dt;
-    try {
-      while (run.t != t_end) {
-        const Reason reason = run.run(t_end, BATCH, {false, nullptr, none, none}, std::exchange(jumped, false));
-        run.output = {};
-        if (run.failure != Failure::none) return name_of(run.failure);
-        const bool goes_on = reason == Reason::steps || (reason == Reason::slow && run.to_come <= ENDLESS);
-        if (run.t != t_end && !goes_on) return "chatters";
-      }
-    } catch (const std::exception &error) {
-      return error.what();
-    }
-    return "";
-  }
-
-private:
-  static constexpr long BATCH = 1000;
-
-  // Hold a row from now on; returns whether it differs from what was held.
-  bool hold(int i) const {
-    const size_t each = tables.size() / runs.size();
-    bool changed = false;
-    Eigen::Index at = 0;
-    for (size_t k = 0; k < each; ++k) {
-      const Eigen::Index size = k ? 1 : held.cols() - (each - 1);
-      HeldTable &table = *tables[i * each + k];
-      const Vec wanted = held.row(i).segment(at, size).transpose();
-      at += size;
-      const Vec *before = table.at(runs[i]->t);
-      if (!wanted.allFinite() || (before && *before == wanted) || (!before && wanted.isZero(0.0) && !k)) continue;
-      table.clear(table.sign);
-      table.hold(runs[i]->t, wanted);
-      changed = true;
-    }
-    return changed;
-  }
-};
-
-// Times, positions and velocities that the runs have reached on several threads, and why each failed.
-nb::tuple advanced(const std::vector<RadauStepper *> &runs, const std::vector<HeldTable *> &tables, const Table &held, double dt,
-                   int threads) {
-  const int n = static_cast<int>(runs.size());
-  const Together together{runs, tables, held, dt};
-  std::vector<std::string> failures(n);
-  {
-    nb::gil_scoped_release release;
-    std::atomic<int> next{0};
-    const auto work = [&] {
-      for (int i = next++; i < n; i = next++) failures[i] = together.advance(i);
-    };
-    std::vector<std::thread> others;
-    for (int k = 1; k < threads; ++k) others.emplace_back(work);
-    work();
-    for (auto &each : others) each.join();
-  }
-  Vec t(n);
-  Table p(n, runs[0]->p.size()), v(n, runs[0]->v.size());
-  for (int i = 0; i < n; ++i) {
-    t[i] = runs[i]->t;
-    p.row(i) = runs[i]->p.transpose();
-    v.row(i) = runs[i]->v.transpose();
-  }
-  return nb::make_tuple(array(t), array(p), array(v), failures);
-}
-
 void bind_events(nb::module_ &m) {
   nb::class_<ContactWatch>(m, "ContactWatch")
       .def(nb::init<MechanismSystem &>(), "rows"_a, nb::keep_alive<1, 2>())
@@ -310,7 +230,19 @@ void bind_radau(nb::module_ &m) {
         s.control.max_step = max_step;
       });
 
-  m.def("advance_together", &advanced, "runs"_a, "tables"_a, "held"_a, "dt"_a, "threads"_a);
+  stepper.def("renew", [](RadauStepper &s) { RadauMemory(s.control).recall(s); }); // as if it were new, but for its tolerances
+
+  nb::class_<Ensemble>(m, "Ensemble")
+      .def(nb::init<int, const System &, int>(), "runs"_a, "system"_a, "commands"_a)
+      .def("add_worker", &Ensemble::add_worker, "run"_a, "system"_a, "numbers"_a, "tables"_a, nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(),
+           nb::keep_alive<1, 4>())
+      .def("begin", &Ensemble::begin, "runs"_a, "t"_a, "p"_a, "v"_a)
+      .def("change", &Ensemble::change, "runs"_a, "numbers"_a, "opens"_a)
+      .def("off", &Ensemble::off, "runs"_a, "t"_a, "p"_a, "v"_a)
+      .def("advance", &Ensemble::advance, "runs"_a, "held"_a, "dt"_a)
+      .def("multipliers", [](Ensemble &e) { return array(e.multipliers()); })
+      .def_prop_ro("states", [](const Ensemble &e) { return nb::make_tuple(array(e.t), array(e.p), array(e.v)); })
+      .def_rw("numbers", &Ensemble::numbers);
 
   nb::class_<StageCurve>(m, "StageCurve")
       .def("joined",

@@ -23,30 +23,37 @@ OF_FORCES: dict[type, dict] = {  # their numbers, and the least value of each
     JointSpring: {"stiffness": -inf, "damping": 0.0},
     Servo: {"stiffness": 0.0, "damping": 0.0},
 }
+OF_BODY = {"mass": slice(0, 1), "com": slice(1, 4), "inertia": slice(4, 13)}  # among those of a body, see numbers.hpp
 
 
 @dataclass(eq=False)
 class Change:
-    """A number that can be changed: ``put(value)`` does it; `least` is a bound; other values may open the loops."""
+    """A number that can be changed: ``put(values, value)`` does it in the `values` of a :class:`Numbers`, or raises
+    InputError; `least` is a bound; other values may open the loops.
+    """
 
     put: Callable
-    value: float
     least: float = -inf
     opens: bool = False
 
 
 class Numbers:
-    """The compiled equations of a system, with a tree that no other system uses."""
+    """The compiled equations of a system, with a tree that no other system uses.
+
+    ``native.set(values)`` gives them all numbers that were asked for so far, and ``native.values`` has them.
+    """
 
     def __init__(self, mechanism, system):
         module = required()
         self._mechanism, self._model = mechanism, system.model
-        self._tree = tree(module, system.model)
-        self.compiled = module.MechanismSystem(module.Workspace(self._tree))
+        own = tree(module, system.model)
+        self.compiled = module.MechanismSystem(module.Workspace(own))
+        self.native = module.Numbers(own, self.compiled)
         self._rows = system.kept_rows.hand_over(self.compiled)
         self._forces = system.hand_over_forces(self.compiled)
-        self._bodies: dict = {}  # joint → mass, centre of mass and inertia
-        self._anchors: dict = {}  # loop, end → position in the frame
+        self._places: dict = {}  # body, anchor or damping → the places of its numbers
+        self._dampers: list = []  # columns and places of coefficients that can be changed
+        self._rest: np.ndarray | None = None  # the damping of others, (nv,)
         self._changes: dict[str, Change | None] = {}
         self._by_place: dict[str, Change | None] = {}  # a number may have several names
 
@@ -54,88 +61,76 @@ class Numbers:
         """What to change for parameters by name; None if one of them cannot be changed in place."""
         found = []
         for name, value in values.items():
-            if name not in self._changes:
-                self._changes[name] = self._change(name)
-            change = self._changes[name]
+            change = self.change(name)
             if change is None:
                 return None
             found.append((change, number(value, name, least=change.least)))
         return found
 
-    @staticmethod
-    def put(changes) -> None:
-        """Make changes; if one of them is not possible, none is made."""
-        done = []
-        try:
-            for change, value in changes:
-                before = change.value
-                change.put(value)
-                change.value = value
-                done.append((change, before))
-        except InputError:
-            Numbers.undo(done)
-            raise
-
-    @staticmethod
-    def undo(changes) -> None:
-        """Give the numbers of changes the values that are listed, the last one first."""
-        for change, value in reversed(changes):
-            change.put(value)
-            change.value = value
-
-    def _change(self, name) -> Change | None:
-        found = parameter(self._mechanism, name)
-        place = repr(found.place)
-        if place not in self._by_place:
-            self._by_place[place] = self._made(name, found)
-        return self._by_place[place]
+    def change(self, name) -> Change | None:
+        """The number of this name; None if it cannot be changed in place."""
+        if name not in self._changes:
+            found = parameter(self._mechanism, name)
+            place = repr(found.place)
+            if place not in self._by_place:
+                self._by_place[place] = self._made(name, found)
+            self._changes[name] = self._by_place[place]
+        return self._changes[name]
 
     def _made(self, name, found) -> Change | None:
         kind, *where = found.place or ("",)
         if kind == "body":
-            return Change(self._of_body(name, *where), found.value)
+            return Change(self._of_body(name, *where))
         if kind == "joint" and where[0] == "damping":
-            return Change(self._of_damper(found.value, where[1]), found.value, 0.0)
+            return self._of_damper(found.value, where[1])
         if kind == "loops":
             return self._of_loop(found.value, *where)
         if kind == "forces":
             return self._of_force(found.value, *where)
         return None
 
-    def _of_body(self, name, joint, kind, indices):
-        inertia = self._model.inertias[joint]
-        parts = {"mass": np.array(inertia.mass), "com": inertia.lever.copy(), "inertia": inertia.inertia.copy()}
-        body = self._bodies.setdefault(joint, parts)
+    def _kept(self, key, add):
+        """The places of numbers that `add` adds once."""
+        if key not in self._places:
+            self._places[key] = add()
+        return self._places[key]
 
-        def put(value):
-            before = body[kind][indices[0]]
-            for place in indices:
-                body[kind][place] = value
-            mass = float(body["mass"])
+    def _of_body(self, name, joint, kind, indices):
+        first = self._kept(("body", joint), lambda: self.native.add_body(joint))
+
+        def put(values, value):
+            body = values[first : first + 13]
+            part = body[OF_BODY[kind]].reshape((3, 3) if kind == "inertia" else (-1,))
+            for index in indices:
+                part[index or 0] = value
+            mass = float(body[0])
             why = "its mass is negative" if mass < 0.0 else ""
             if kind == "inertia":
                 try:
-                    pin.Inertia(mass, body["com"], body["inertia"])
+                    pin.Inertia(mass, body[1:4], body[4:].reshape(3, 3))
                 except RuntimeError as error:
                     why = str(error)
             if why:
-                for place in indices:
-                    body[kind][place] = before
                 raise InputError(f"{name} cannot be {value:g}: {why}")
-            self._tree.set_body(joint, mass, body["com"], body["inertia"])
-            self.compiled.renew_lanes()
 
         return put
 
-    def _of_damper(self, value, columns):
-        now, unit = [value], np.zeros(self._model.nv)
-        unit[columns] = 1.0
+    def _of_damper(self, value, columns) -> Change:
+        first = self._kept("damping", self.native.add_damping)
+        own = self.native.add_note(np.array([value]))
+        if self._rest is None:
+            self._rest = self.native.values[first : first + self._model.nv]
+        self._rest[columns] -= value
+        self._dampers.append((columns, own))
 
-        def put(value):
-            self.compiled.add_damping((value - now[0]) * unit)
-            now[0] = value
+        def put(values, value):
+            values[own] = value
+            all_of_them = self._rest.copy()
+            for columns, place in self._dampers:
+                all_of_them[columns] += values[place]
+            values[first : first + len(all_of_them)] = all_of_them
 
-        return put
+        return Change(put, 0.0)
 
     def _of_loop(self, value, label, path) -> Change | None:
         *_, loop = records_of(self._mechanism)[label]
@@ -143,22 +138,36 @@ class Numbers:
             return None
         field, end = ENDS[path[0]]
         frame, axis = frame_of(self._model, getattr(loop, field), label).placement, int(path[1])
-        anchor = self._anchors.setdefault((label, end), np.array(getattr(loop, path[0]), float))
-        parts = [(i, point if end == 2 else 0.0 * point) for i, point in self._rows.get(label, ())]
+        at = np.array(getattr(loop, path[0]), float)
+        anchor = self._kept((label, end), lambda: self.native.add_note(at))
+        parts = []
+        for i, point in self._rows.get(label, ()):
+            beside = point if end == 2 else np.zeros(3)
+            place = self._kept(
+                (label, end, i), lambda i=i, to=beside: self.native.add_place(i, end, frame.act(at) + to)
+            )
+            parts.append((place, beside))
 
-        def put(value):
-            anchor[axis] = value
-            there = frame.act(anchor)
-            for i, point in parts:
-                self.compiled.place_rows(i, end, there + point)
+        def put(values, value):
+            values[anchor + axis] = value
+            there = frame.act(values[anchor : anchor + 3])
+            for place, beside in parts:
+                values[place : place + 3] = there + beside
 
-        return Change(put, value, opens=True)
+        return Change(put, opens=True)
 
     def _of_force(self, value, label, path) -> Change | None:
         *_, record = records_of(self._mechanism)[label]
         if isinstance(record, JointDamping) and path[1] in self._mechanism.joints:
-            return Change(self._of_damper(value, self._mechanism.columns(path[1])), value, 0.0)
+            return self._of_damper(value, self._mechanism.columns(path[1]))
         bounds, force = OF_FORCES.get(type(record), {}), self._forces.get(label)
-        if force is None or path[0] not in bounds or not self.compiled.set_number(force, path[0], value):
+        if force is None or path[0] not in bounds:
             return None
-        return Change(lambda value: self.compiled.set_number(force, path[0], value), value, bounds[path[0]])
+        place = self._kept((label, path[0]), lambda: self.native.add_number(force, path[0]))
+        if place < 0:
+            return None
+
+        def put(values, value):
+            values[place] = value
+
+        return Change(put, bounds[path[0]])

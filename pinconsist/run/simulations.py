@@ -8,15 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..engine import required
-from ..engine.failure import FAILURES
 from ..engine.rounding import shortest_step
 from ..errors import InputError, PinconsistError
-from ..mechanism.checks import finite_array
+from ..mechanism.checks import finite_array, number
 from ..mechanism.mechanism import Mechanism
 from .accuracy import processors
+from .ensemble import Ensemble
 from .options import positive_time
-from .stepping import Simulation, actuators_of, hold, in_engine, set_advanced
+from .stepping import Simulation, actuators_of, hold, suits_many
 
 log = logging.getLogger(__name__)
 
@@ -34,7 +33,8 @@ class Simulations:
 
     Each is that of a :class:`Simulation` that was reset to the same state, bit for bit, whatever the others do, and may
     have other parameters. Steps are not kept: there is no :class:`Solution`. Runs with functions of the user's,
-    contacts, tables or events are advanced one after another.
+    contacts, tables or events, and those with parameters that :meth:`Simulation.set_parameters` cannot change in place,
+    are advanced one after another.
 
     Parameters
     ----------
@@ -64,19 +64,26 @@ class Simulations:
         self._n = _count(n, "n")
         self._threads = processors() if threads is None else _count(threads, "threads")
         self.failed, self.messages = np.zeros(self._n, bool), [""] * self._n
-        every = range(self._n)
         q, v = _rows(q0, "q0", self._n), _rows(v0, "v0", self._n)
-        first = Simulation(mech, q[0], v[0], **options)
-        self._runs = [first, *(first.copy() for _ in range(1, self._n))]
-        self._names = actuators_of(first)
-        self._t, self._q, self._v = np.empty(self._n), np.empty((self._n, mech.nq)), np.empty((self._n, mech.nv))
+        self._first = Simulation(mech, q[0], v[0], **options)
+        self._names, self._nv = actuators_of(self._first), mech.nv
         # The torques of all velocities and the commands that each run holds; NaN for commands that were never given.
         self._held = np.zeros((self._n, mech.nv + len(self._names)))
         self._held[:, mech.nv :] = np.nan
-        for i in every:
-            if q[i] is not q[0] or v[i] is not v[0]:
-                self._runs[i].reset(q[i], v[i], first.state.t)
-            self._take(i)
+        self._together: Ensemble | None = None
+        self._alone: dict[int, Simulation] = {}  # runs that are advanced one after another
+        t, first_q, first_v = self._first.state
+        same = [q[i] is q[0] and v[i] is v[0] for i in range(self._n)]
+        if suits_many(self._first):
+            self._together = Ensemble(self._first, self._n, self._threads)
+            positions = [first_q if same[i] else q[i] for i in range(self._n)]
+            velocities = [first_v if same[i] else v[i] for i in range(self._n)]
+            self._together.begin(list(range(self._n)), positions, velocities, t)
+            return
+        for i in range(self._n):
+            self._alone[i] = self._first.copy() if i else self._first
+            if not same[i]:
+                self._alone[i].reset(q[i], v[i], t)
 
     def __len__(self) -> int:
         return self._n
@@ -84,19 +91,31 @@ class Simulations:
     @property
     def mechanism(self) -> Mechanism:
         """The mechanism of the first run, with a force ``"control"``."""
-        return self._runs[0].mechanism
+        if self._together is None or 0 in self._alone:
+            return self._alone[0].mechanism
+        return self._together.mechanism_of(0)
 
     @property
     def state(self) -> States:
         """The states that were reached."""
-        return States(self._t.copy(), self._q.copy(), self._v.copy())
+        if self._together is None:
+            return States(
+                *(np.array(column) for column in zip(*(self._alone[i].state for i in range(self._n)), strict=True))
+            )
+        found = States(*self._together.states)
+        for i, sim in self._alone.items():
+            found.t[i], found.q[i], found.v[i] = sim.state
+        return found
 
     @property
     def lam(self) -> np.ndarray:
         """The multipliers at the states, shape (n, nc), with the torques that were held until there."""
-        parts = [in_engine(run) for run in self._runs]
-        lam = [run.lam if part is None else part.multipliers() for run, part in zip(self._runs, parts, strict=True)]
-        return np.array(lam)
+        if self._together is None:
+            return np.array([self._alone[i].lam for i in range(self._n)])
+        lam = self._together.multipliers()
+        for i, sim in self._alone.items():
+            lam[i] = sim.lam
+        return lam
 
     def step(self, dt, control=None) -> States:
         """Advance all runs by a time.
@@ -121,19 +140,20 @@ class Simulations:
             Unknown joints, wrong sizes, numbers that are not finite.
         """
         dt = positive_time(dt, "dt")
-        if dt < max(map(shortest_step, self._t.tolist())):
-            raise InputError(f"dt = {dt:g} s is too small to differ from zero at t = {self._t.max():g} s")
+        latest = float(np.abs(self.state.t).max())
+        if dt < shortest_step(latest):
+            raise InputError(f"dt = {dt:g} s is too small to differ from zero at t = {latest:g} s")
         if control is not None:
             self._hold(control)
-        together = []
-        for i in np.flatnonzero(~self.failed).tolist():
-            part = in_engine(self._runs[i])
-            if part is None:
+        going = np.flatnonzero(~self.failed).tolist()
+        if self._together is not None:
+            for i, message in self._together.advance(
+                [i for i in going if i not in self._alone], self._held, dt
+            ).items():
+                self._fail(i, message)
+        for i in going:
+            if i in self._alone:
                 self._step_alone(i, dt)
-            else:
-                together.append((i, part))
-        if together:
-            self._step_together(together, dt)
         return self.state
 
     def reset(self, which=None, q0=None, v0=None, t0=0.0) -> States:
@@ -144,12 +164,18 @@ class Simulations:
         """
         chosen = self._chosen(which)
         q, v = _rows(q0, "q0", len(chosen)), _rows(v0, "v0", len(chosen))
+        t0 = number(t0, "t0")
+        together = [k for k, i in enumerate(chosen) if i not in self._alone]
         for k, i in enumerate(chosen):
-            self._runs[i].reset(q[k], v[k], t0)
+            if i in self._alone:
+                self._alone[i].reset(q[k], v[k], t0)
+        if self._together is not None:
+            runs = [chosen[k] for k in together]
+            self._together.begin(runs, [q[k] for k in together], [v[k] for k in together], t0)
+        for i in chosen:
             self.failed[i], self.messages[i] = False, ""
-            self._held[i] = 0.0
-            self._held[i, self._v.shape[1] :] = np.nan
-            self._take(i)
+            self._held[i, : self._nv] = 0.0
+            self._held[i, self._nv :] = np.nan
         return self.state
 
     def set_parameters(self, values: Mapping, which=None) -> States:
@@ -169,10 +195,26 @@ class Simulations:
             raise InputError(f"set_parameters needs a mapping name → number, got {values!r}")
         chosen = self._chosen(which)
         each = {name: _numbers(value, f"parameter {name!r}", (len(chosen),)) for name, value in values.items()}
-        for k, i in enumerate(chosen):
-            self._runs[i].set_parameters({name: float(numbers[k]) for name, numbers in each.items()})
-            self._take(i)
+        own = {i: {name: float(numbers[k]) for name, numbers in each.items()} for k, i in enumerate(chosen)}
+        for i in own:
+            if i in self._alone:
+                self._alone[i].set_parameters(own[i])
+        if self._together is not None:
+            runs = [i for i in own if i not in self._alone]
+            for i in self._together.set_parameters(runs, [own[i] for i in runs]):
+                run = self._apart(self._together, i)
+                run.set_parameters(own[i])
+                self._alone[i] = run
         return self.state
+
+    def _apart(self, together, i) -> Simulation:
+        """A run of its own that goes on where one of those together is."""
+        t, q, v = (column[i] for column in together.states)
+        run = self._first.copy()
+        run.set_parameters(together.values_of(i))
+        run.reset(q, v, float(t))
+        hold(run, *self._held_by(i))
+        return run
 
     def _chosen(self, which) -> list[int]:
         """The indices of some runs."""
@@ -187,7 +229,7 @@ class Simulations:
 
     def _hold(self, control) -> None:
         """Take over torques and commands."""
-        nv = self._v.shape[1]
+        nv = self._nv
         held = self._held.copy()
         if isinstance(control, Mapping):
             held[:, :nv] = 0.0
@@ -203,46 +245,26 @@ class Simulations:
     def _columns(self, name) -> slice:
         """The columns of a joint or an actuator among what is held."""
         if name in self._names:
-            place = self._v.shape[1] + self._names.index(name)
+            place = self._nv + self._names.index(name)
             return slice(place, place + 1)
         return self.mechanism.columns(name)
 
     def _step_alone(self, i, dt) -> None:
         try:
-            hold(self._runs[i], *self._held_by(i))
-            self._runs[i].step(dt)
+            hold(self._alone[i], *self._held_by(i))
+            self._alone[i].step(dt)
         except PinconsistError as error:
             self._fail(i, str(error))
-        self._take(i)
 
     def _held_by(self, i) -> tuple[dict, np.ndarray]:
         """The commands by name and the torques, shape (nv,), that a run holds."""
-        nv = self._v.shape[1]
+        nv = self._nv
         commands = zip(self._names, self._held[i, nv:].tolist(), strict=True)
         return {name: value for name, value in commands if not np.isnan(value)}, self._held[i, :nv].copy()
 
-    def _step_together(self, together, dt) -> None:
-        places = [i for i, _ in together]
-        t, q, v, failures = required().advance_together(
-            [part.run for _, part in together],
-            [table for _, part in together for table in part.tables],
-            self._held[places],
-            dt,
-            min(self._threads, len(together)),
-        )
-        self._t[places], self._q[places], self._v[places] = t, q, v
-        for i, reason in zip(places, failures, strict=True):
-            state = float(self._t[i]), self._q[i].copy(), self._v[i].copy()
-            set_advanced(self._runs[i], *state, *self._held_by(i))
-            if reason:
-                self._fail(i, FAILURES.get(reason, reason))
-
-    def _take(self, i) -> None:
-        self._t[i], self._q[i], self._v[i] = self._runs[i].state
-
     def _fail(self, i, message) -> None:
         self.failed[i], self.messages[i] = True, message
-        log.warning("run %d failed at t = %g: %s", i, self._t[i], message)
+        log.warning("run %d failed: %s", i, message)
 
 
 def _count(value, what) -> int:

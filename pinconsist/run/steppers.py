@@ -347,6 +347,10 @@ class RadauStepper(Stepper):
         if not self._keeps_curves:
             self._sampler.clear()
 
+    def forget(self):
+        self._core.renew()
+        super().forget()
+
     def close(self):
         super().close()
         self._forget_functions()

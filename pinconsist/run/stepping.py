@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import wraps
 from math import isfinite
 from threading import Lock
@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from ..engine.charts import turning_coordinates
 from ..engine.rounding import shortest_step
 from ..errors import AssemblyError, InputError, PinconsistError, SingularSystemError
 from ..mechanism.assembly import assembled
@@ -226,14 +227,17 @@ class Simulation:
             return False
         if numbers is not self._numbers:
             stepper = stepper_for(stepper.system, self._method, numbers.compiled)
-        before = [(change, change.value) for change, _ in changes]
         t, q, v = self._place
-        numbers.put(changes)
+        before = numbers.native.values
+        now = before.copy()
+        for change, value in changes:
+            change.put(now, value)
+        numbers.native.set(now)
         if any(change.opens for change, _ in changes):
             try:
                 q, v = stepper.index1.projected(t, q, v)
             except (AssemblyError, SingularSystemError):  # too far from here
-                numbers.undo(before)
+                numbers.native.set(before)
                 return False
             for each in q, v:
                 each.setflags(write=False)
@@ -494,37 +498,31 @@ class Simulation:
         return Solution._from_trajectory(found, self._method, self._events)
 
 
-class InEngine(NamedTuple):
-    """What advances a run without Python: itself in C++, the tables of held torques and commands, and its λ."""
+def suits_many(sim: Simulation) -> bool:
+    """Whether runs like this one can be advanced together in C++: Python has nothing to do in their steps."""
+    if not sim._quick or sim._changing is not None or sim._method.name != "Radau" or sim._stepper.core is None:
+        return False
+    return sim._stepper.index1.compiled.in_lanes
 
-    run: Any
+
+class Worker(NamedTuple):
+    """What makes the steps of many runs, one at a time: a stepper, its numbers, and the tables of what is held."""
+
+    stepper: Any
+    numbers: Numbers
     tables: list
-    multipliers: Callable
 
 
-def in_engine(sim: Simulation) -> InEngine | None:
-    """What advances a run without Python; None if Python has something to do in a step."""
-    if sim._message or not (sim._quick and sim._resumes) or sim._changing is not None or sim._method.name != "Radau":
-        return None
-    tables = [held.table for held in (sim._control, *sim._actuators.values())]
-    run = sim._stepper.core
-    if run is None or None in tables:
-        return None
-    return InEngine(run, tables, sim._stepper.multipliers)
-
-
-def set_advanced(sim: Simulation, t: float, q, v, commands, torque) -> None:
-    """Let a run stand at a state that its part in C++ has reached without it, and hold what was held up to there.
-
-    The steps up to there are not kept.
-    """
-    for each in q, v:
-        each.setflags(write=False)
-    sim._place = t, q, v
-    sim._before = None
-    sim._jumped = False
-    sim._commands = commands
-    sim._torque = torque
+def worker_like(sim: Simulation) -> Worker:
+    """A worker for runs of the mechanism of a run, from its state; it shares nothing with that or others."""
+    (t, q, v), before = sim.state, sim._stepper.system
+    system = MechanismSystem(sim.mechanism, q, t, like=before)
+    numbers = Numbers(sim.mechanism, system)
+    stepper = stepper_for(system, sim._options.for_span((t, t + 1.0)), numbers.compiled)
+    stepper.core.turns = turning_coordinates(system, q)
+    system.start(t, q, v, False)
+    actuators = [each for each in system.held_forces if isinstance(each, BoundHeldActuator)]
+    return Worker(stepper, numbers, [held.table for held in (system.held_forces[-1], *actuators)])
 
 
 def hold(sim: Simulation, commands, torque) -> None:
