@@ -37,6 +37,7 @@ from .mechanism.assembly import Assembly as Assembly
 from .mechanism.assembly import assemble as assemble
 from .mechanism.contacts import Contact as Contact
 from .mechanism.contacts import DryFriction as DryFriction
+from .mechanism.contacts import PinFriction as PinFriction
 from .mechanism.contacts import Rope as Rope
 from .mechanism.contacts import Stop as Stop
 from .mechanism.contacts import Strut as Strut

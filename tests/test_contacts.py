@@ -10,6 +10,7 @@ from scipy.optimize import brentq
 
 import pinconsist as pc
 from benchmarks.linkages import add_body, add_frame, at, four_bar
+from pinconsist.run.modes import Modes
 
 SLOW = {"rtol": 1e-9, "atol": 1e-12}
 
@@ -393,3 +394,38 @@ def test_a_grazing_impact_between_two_looks_is_found():
     sol = pc.simulate(mech, (0.0, 0.3), {"z": 0.0}, {"z": speed}, **SLOW)
     exact = brentq(lambda t: speed * t - 0.5 * G * t**2 - 0.2 + 1e-6, 0.0, speed / G)
     assert len(sol.impacts) == 1 and sol.impacts[0].t == pytest.approx(exact, abs=1e-9)
+
+
+# Steps of a controller
+
+
+def in_steps(mech, count, *start):
+    sim = pc.Simulation(mech, *start, **SLOW)
+    for _ in range(count):
+        sim.step(1e-3)
+    return sim
+
+
+@pytest.mark.parametrize("push", [0.0, 4.5, 7.5])
+def test_python_is_asked_only_where_a_mode_may_end(push, monkeypatch):
+    """A box on two feet, pushed by more than one of them can hold, and by less than both: its forces are shared."""
+    asked = []
+    monkeypatch.setattr(Modes, "agree", lambda self, t, p, v: asked.append(t) or True)
+    mech = touching.box(0.8, 0.2).with_forces({"x": push})
+    in_steps(mech, 20)
+    sol = pc.simulate(mech, (0.0, 0.1), **SLOW)
+    assert not asked and {each.mode for each in sol.modes} == {"stick"}
+    both = [sol.contact(name).force[-1] for name in ("left", "right")]
+    np.testing.assert_allclose(sum(both), [-push, 0.0, G], atol=1e-8)
+    assert all(abs(each[0]) <= 0.8 * each[2] * (1.0 + 1e-9) for each in both)
+
+
+def test_impacts_happen_within_steps_as_in_a_run():
+    sim = in_steps(touching.ball(0.5), 1500, {"z": 0.3})
+    sol = pc.simulate(touching.ball(0.5), (0.0, 1.5), {"z": 0.3}, **SLOW)
+    assert len(sol.impacts) > 8
+    np.testing.assert_allclose([each.t for each in sim.solution().impacts], times_of(sol), atol=1e-9)
+    assert sim.state.t == pytest.approx(1.5, abs=1e-12) and sim.lam[0] == pytest.approx(G, rel=1e-9)
+    again = sim.copy()
+    again.step(0.1)
+    assert again.state.v[0] == 0.0

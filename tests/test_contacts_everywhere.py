@@ -1,14 +1,21 @@
 """A mechanism with contacts is either understood or refused by name: nothing leaves its contacts out in silence."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import pinconsist as pc
 
 
-@pytest.fixture(scope="module")
-def touching():
-    return pc.load("four_bar").with_contacts(pc.Stop("crank", lower=-1.2, upper=2.0))
+@pytest.fixture(scope="module", params=["four_bar", "crank_rocker"])
+def touching(request):
+    """A four-bar with a stop, and one with friction in its pin."""
+    contact = {
+        "four_bar": pc.Stop("crank", lower=-1.2, upper=2.0),
+        "crank_rocker": pc.PinFriction("rocker_ground", 0.01, (0.2, 0.1)),
+    }
+    return pc.load(request.param).with_contacts(contact[request.param])
 
 
 REFUSING = {
@@ -38,10 +45,12 @@ def test_what_has_no_contacts_refuses_them(touching, tmp_path, entry):
 def test_what_a_file_and_a_record_say_of_contacts(touching, tmp_path):
     back = pc.load(pc.write(touching, tmp_path / "it.urdf"))
     assert [vars(each) for each in back.contacts] == [vars(each) for each in touching.contacts]
-    assert "contacts crank (stop)" in str(touching) and "stop crank" in touching._repr_html_()
+    (contact,) = touching.contacts
+    assert f"contacts {contact.name} ({contact.kind})" in str(touching)
+    assert f"{contact.kind} {contact.name}" in touching._repr_html_()
     run = tmp_path / "run.npz"
     pc.record(touching, (0.0, 0.2), run)
-    other = touching.with_contacts(pc.Stop("crank", lower=-1.2, upper=2.0, restitution=0.5))
+    other = touching.with_contacts(replace(contact, name="other"))
     assert pc.rerun(run, scene=touching).same
     assert "different contacts" in str(pc.rerun(run, scene=other).differences)
 

@@ -89,6 +89,7 @@ RECORDS = {
     "Bushing": lambda: pc.Bushing("coupler", "rocker", stiffness=(1.0,) * 6),
     "Curve": lambda: pc.Curve((0.0, 1.0), (0.0, 2.0), "cycloid"),
     "DryFriction": lambda: pc.DryFriction("crank", 0.1),
+    "PinFriction": lambda: pc.PinFriction("rocker_ground", 0.01, 0.1),
     "Impact": lambda: pc.Impact("crank", upper=1.0, restitution=0.5),
     "JointDamping": lambda: pc.JointDamping({"crank": 0.1}),
     "JointFriction": lambda: pc.JointFriction({"crank": 0.1}),

@@ -18,8 +18,6 @@ Methods Eng. 39 (1996) 2673-2691.
 
 from typing import NamedTuple
 
-import numpy as np
-
 from . import required
 
 
@@ -42,9 +40,13 @@ class Grip(NamedTuple):
     of: int = -1
 
 
-SHARES = 1e-6  # compliance of pushes that share a load, relative to their own responses
-SHARED = 1e-12  # relative change of z at which they are found
-TURNS = 6
+def contact_laws(elements):
+    """The laws of contacts in one mode, in the engine, which says whether forces obey them, and shares them.
+
+    `elements` are (first row, whether it has a gap, number of tangents, static friction, whether it is closed and does
+    not slide, whether it sticks).
+    """
+    return required().ContactLaws(elements)
 
 
 def solve(A, b, blocks, shared=False):
@@ -57,17 +59,5 @@ def solve(A, b, blocks, shared=False):
         (block.at, 1, True, 0.0, 0.0, -1) if isinstance(block, Push) else (*block[:2], False, *block[2:])
         for block in blocks
     ]
-    if not shared:
-        z, left = required().complementarity(A, b, laws)
-        return z, A @ z + b, float(left)
-    compliance = np.zeros(len(b))
-    pushes = [block.at for block in blocks if isinstance(block, Push)]
-    compliance[pushes] = SHARES * max(np.abs(np.diag(A)).max(initial=0.0), 1e-300)
-    stiff = A + np.diag(compliance)
-    z = np.zeros(len(b))
-    for _ in range(TURNS):  # a proximal point method: the compliances are taken off again
-        last = z
-        z, left = required().complementarity(stiff, b - compliance * last, laws)
-        if np.abs(z - last).max(initial=0.0) <= SHARED * np.abs(z).max(initial=0.0):
-            break
+    z, left = required().complementarity(A, b, laws, shared)
     return z, A @ z + b, float(left)

@@ -124,6 +124,89 @@ private:
   mutable Mat own_;
 };
 
+// The angle about the z axes of two anchors, which a hinge keeps aligned, less `at`: of a pin that sticks.
+class PinRow : public BetweenAnchors {
+public:
+  PinRow(const Model &model, int joint1, const SE3 &place1, int joint2, const SE3 &place2, double at)
+      : BetweenAnchors(model, joint1, place1, joint2, place2), at_(at) {}
+
+  void evaluate(const Data &data, double, const Vec &, int at, Vec &phi, Mat &J) const override {
+    const Matrix3d turn = axes(data, joint1_, place1_);
+    const Vector3d x = turn.transpose() * axes(data, joint2_, place2_).col(0);
+    phi[at] = nearest(std::atan2(x[1], x[0]) - at_, 2.0 * M_PI);
+    for (const auto &column : columns_) J(at, column.index) = column.sign * turn.col(2).dot(spin(data, column.index));
+  }
+  void add_bias(const Data &data, double, const Vec &, const Vec &, int at, Vec &bias) const override {
+    const Moving m1(data, joint1_, place1_), m2(data, joint2_, place2_);
+    const Vector3d axis = axes(data, joint1_, place1_).col(2);
+    bias[at] += axis.dot(m2.b - m1.b) + m1.w.cross(axis).dot(m2.w - m1.w);
+  }
+  bool add_gradients(const Data &data, const Vec &, const Vec &v, const Vec &lam, int at, Mat &F, Mat &H) const override {
+    const Vector3d none = Vector3d::Zero(), axis = axes(data, joint1_, place1_).col(2), moment = lam[at] * axis;
+    const Vector3d rate = H.size() ? Vector3d(relative_twist(data, columns_, v).tail<3>()) : none;
+    const auto turned = [&](const Signed &k) { return k.sign < 0.0 ? spin(data, k.index) : none; };
+    differentiate(
+        data, columns_, v, wrench_of(none, none, moment),
+        [&](const Signed &k) { return wrench_of(none, none, turned(k).cross(moment)); },
+        [&](const Signed &k, const Six &change) { H(at, k.index) += axis.dot(change.tail<3>() - turned(k).cross(rate)); }, F, H.size());
+    return true;
+  }
+  void add_wrench(const Data &data, const Vec &lam, const Vector3d &, Vector3d &, Vector3d &moment) const override {
+    moment += lam[0] * axes(data, joint1_, place1_).col(2);
+  }
+  int size() const override { return 1; }
+
+private:
+  double at_;
+};
+
+// The friction of a pin that turns, which has no row of its own. The load R = U λ of the rows of its hinge at these places
+// adds the moment −c |R| about the axis, in which c has the sense of turning: G has Jᵀ − c Dᵀ R̂ᵀ U with the row D of turning,
+// and R̂ of the multipliers taken last. As |R| = R̂·R up to the square of an error of R̂, it is soon exact.
+class TurningPin : public PinRow {
+public:
+  TurningPin(const Model &model, int joint1, const SE3 &place1, int joint2, const SE3 &place2, std::vector<int> places, Mat U, double c)
+      : PinRow(model, joint1, place1, joint2, place2, 0.0), places_(std::move(places)), U_(std::move(U)), c_(c), nv_(model.nv) {
+    pull_.setZero(U_.cols());
+  }
+
+  void evaluate(const Data &data, double t, const Vec &p, int, Vec &, Mat &) const override {
+    angle_.setZero(1);
+    turning_.setZero(1, nv_);
+    PinRow::evaluate(data, t, p, 0, angle_, turning_);
+  }
+  void add_bias(const Data &, double, const Vec &, const Vec &, int, Vec &) const override {}
+  bool add_gradients(const Data &data, const Vec &p, const Vec &v, const Vec &lam, int, Mat &F, Mat &) const override {
+    Mat none;
+    const Vec moment = Vec::Constant(1, -c_ * load(lam).norm());
+    return PinRow::add_gradients(data, p, v, moment, 0, F, none);
+  }
+  void add_wrench(const Data &, const Vec &, const Vector3d &, Vector3d &, Vector3d &) const override {}
+  int size() const override { return 0; }
+
+  bool slides() const override { return true; }
+  bool reacts() const override { return true; }
+  void react(const Vec &lam) override {
+    const Vec R = load(lam);
+    if (R.squaredNorm() > 0.0) pull_ = U_.transpose() * R.normalized();
+  }
+  // Of the row evaluated last.
+  void add_friction(const Vec &, int, Mat &Gt) const override {
+    for (size_t k = 0; k < places_.size(); ++k) Gt.row(places_[k]) -= c_ * pull_[k] * turning_;
+  }
+
+private:
+  Vec load(const Vec &lam) const { return U_ * lam(places_); }
+
+  std::vector<int> places_;
+  Mat U_;
+  double c_;
+  int nv_;
+  Vec pull_;
+  mutable Vec angle_;
+  mutable Mat turning_;
+};
+
 // C Φ of the rows Φ of several parts, whose multipliers are then Cᵀ λ: of gaps that depend on each other.
 class CombinedRows : public Rows {
 public:

@@ -72,12 +72,8 @@ public:
     resize(nullptr);
   }
 
-  // Watch for the end of a mode of contacts: functions `ends`, as above, and `contacts`, in place of those of the last mode.
-  void enter_mode(const nb::list &ends, ContactWatch *contacts) {
-    watched_.resize(own_);
-    for (const nb::handle each : ends) add(nb::cast<nb::tuple>(each));
-    resize(contacts);
-  }
+  // Watch for the end of a mode of contacts, in place of that of the last one.
+  void enter_mode(ContactWatch *contacts) { resize(contacts); }
 
   size_t size() const { return values.size(); }
   size_t own() const { return own_; }

@@ -56,12 +56,14 @@ public:
     const int nv = system_.nv, nc = system_.nc;
     lam.resize(nc);
     if (!nc) return true;
+    if (system_.reacts() && !solve_acceleration(t, p, v, shift_, lam, false)) return false; // G is that of these multipliers
     system_.constraint(t, p, v);
     if (!shift(t, p, v, system_.phi)) return false;
     move(t, p, v);
     system_.constraint(t, p, v);
     shift(t, p, v, system_.rho, true);
     v -= rhs_.col(0).head(nv);
+    if (system_.reacts()) return solve_acceleration(t, p, v, shift_, lam, true);
     negative_forces(t, p, v, true);
     kkt_.solve(rhs_, 1.0);
     lam = rhs_.col(0).tail(nc);
@@ -71,10 +73,23 @@ public:
 private:
   bool solve_acceleration(double t, const Vec &p, const Vec &v, Vec &a, Vec &lam, bool evaluated, const KKT *known = nullptr) {
     negative_forces(t, p, v, evaluated);
-    if (known) known->solve(rhs_, 1.0);
+    if (system_.reacts()) {
+      if (!solve_with_reactions(t, p, v)) return false;
+    } else if (known) known->solve(rhs_, 1.0);
     else if (!solve(t, p, v)) return false;
     a = rhs_.col(0).head(system_.nv);
     lam = rhs_.col(0).tail(system_.nc);
+    return true;
+  }
+
+  // Where G depends on the multipliers.
+  bool solve_with_reactions(double t, const Vec &p, const Vec &v) {
+    const Mat given = rhs_;
+    for (int turn = 0; turn < REACTIONS; ++turn) {
+      rhs_ = given;
+      if (!solve(t, p, v)) return false;
+      if (!system_.react(rhs_.col(0).tail(system_.nc), v)) break;
+    }
     return true;
   }
 

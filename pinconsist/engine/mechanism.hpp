@@ -67,6 +67,7 @@ public:
     calls_python_ |= rows->calls_python();
     difference_step = std::min(difference_step, rows->difference_step());
     slides_ |= rows->slides();
+    reacts_ |= rows->reacts();
     rows_.push_back({std::move(rows), at});
     lane_tree_.reset();
     size_rows();
@@ -106,6 +107,13 @@ public:
   bool calls_python() const override { return calls_python_; }
 
   const Mat &G_transposed() const override { return slides_ ? Gt_ : W; }
+  bool reacts() const override { return reacts_; }
+  bool react(const Vec &lam, const Vec &v) override {
+    const Mat before = Gt_;
+    for (const auto &part : rows_) part.first->react(lam);
+    turn_forces(v);
+    return largest(Mat(Gt_ - before)) > REACTED * largest(Gt_);
+  }
   void step_ended(const Vec &v) override {
     for (const auto &part : rows_) part.first->step_ended(v);
   }
@@ -175,6 +183,7 @@ public:
     }
     if (slides_) turn_forces(v);
     add_the_rest(t, p, v);
+    if (reacts_) take_reactions(v);
   }
 
   void constraint(double t, const Vec &p, const Vec &v) override {
@@ -217,6 +226,7 @@ public:
     fill_rows(t, p);
     if (slides_) turn_forces(v);
     add_the_rest(t, p, v);
+    if (reacts_) take_reactions(v);
     if (slides_) add_turning(v, D);
     M = data_.M.selfadjointView<Eigen::Upper>();
   }
@@ -508,9 +518,16 @@ private:
     for (const auto &[rows, at] : rows_) rows->add_friction(v, at, Gt_);
   }
 
-  // The derivative of these directions, with the λ that balance f.
+  // The λ that balance f.
+  Vec balancing() const { return (Gt_ * Gt_.transpose()).ldlt().solve(Gt_ * f); }
+
+  void take_reactions(const Vec &v) {
+    for (int turn = 0; turn < REACTIONS && react(balancing(), v); ++turn) {}
+  }
+
+  // The derivative of these directions.
   void add_turning(const Vec &v, Mat &D) {
-    const Vec lam = (Gt_ * Gt_.transpose()).ldlt().solve(Gt_ * f);
+    const Vec lam = balancing();
     for (const auto &[rows, at] : rows_) rows->add_turning(v, lam, at, D);
   }
 
@@ -531,7 +548,7 @@ private:
   LieGroup group_;
   std::vector<Continuous> continuous_;
   std::vector<Planar> planar_;
-  bool calls_python_ = false, forces_on_bodies_ = false, slides_ = false;
+  bool calls_python_ = false, forces_on_bodies_ = false, slides_ = false, reacts_ = false;
   Mat Gt_; // of contacts that slide
   std::vector<std::pair<std::unique_ptr<Rows>, int>> rows_;
   Mat by_v_, by_q_; // of all forces; kept for later steps

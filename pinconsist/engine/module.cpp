@@ -188,6 +188,8 @@ NB_MODULE(_engine, m) {
       .def("add_limit", adds<LimitRow, Place, double, double, double>())
       .def("add_rope", adds<RopeRow, int, Pose, int, Pose, double>())
       .def("add_sliding", adds<SlidingRow, int, Pose, int, Pose, Mat, double, Vec, double>())
+      .def("add_pin", adds<PinRow, int, Pose, int, Pose, double>())
+      .def("add_turning_pin", adds<TurningPin, int, Pose, int, Pose, std::vector<int>, Mat, double>())
       .def("combine", &MechanismSystem::combine, "combination"_a)
       .def("aim", &MechanismSystem::aim, "t"_a, "p"_a, "v"_a)
       .def("add_distance", adds<DistanceRow, int, Pose, int, Pose, double>())

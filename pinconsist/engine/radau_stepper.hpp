@@ -382,6 +382,7 @@ private:
     p1_ = newton.stages.P.col(last);
     v1_ = newton.stages.V.col(last);
     ++newton.nlu;
+    if (system_.reacts() && !index1_.acceleration(t1, p1_, v1_, a1_, lam1_)) return Failure::singular; // λ of stages has less order
     estimate(modes);
     rhs_.setZero(nv + nc, 2);
     all_rhs_.setZero(nv + nc, 2 + modes);

@@ -34,6 +34,9 @@ struct Rows {
   virtual void add_friction(const Vec &, int, Mat &) const {}
   virtual void add_turning(const Vec &, const Vec &, int, Mat &) const {}
   virtual void step_ended(const Vec &) {}
+  // Whether that direction depends on all multipliers, and takes these.
+  virtual bool reacts() const { return false; }
+  virtual void react(const Vec &) {}
   // Moves the point of body 1 or 2 between which the rows are, in the axes of its joint; false if there is none.
   virtual bool place(int, const Vector3d &) { return false; }
   // The direction is that of this velocity, of rows evaluated last.

@@ -110,12 +110,12 @@ template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) 
              return nb::make_tuple(name_of(reason), name_of(s.failure), error);
            }, "system"_a, "t_end"_a, "most"_a, "jumped"_a, "with_curve"_a, "events"_a.none(), "sees"_a.none(), "forces"_a.none())
       .def("reach", // the same: (t, p, v) if t_end is reached, else None
-           [](Stepper &s, const System &system, double t_end, long most, bool jumped, nb::object forces) -> nb::object {
+           [](Stepper &s, const System &system, double t_end, long most, bool jumped, Events *events, nb::object forces) -> nb::object {
              const nb::object none = nb::none();
-             released(system.calls_python(), [&] { s.run(t_end, most, {false, nullptr, none, forces}, jumped); });
-             if (s.t != t_end) return nb::none();
+             released(system.calls_python(), [&] { s.run(t_end, most, {false, events, none, forces}, jumped); });
+             if (s.t != t_end || s.hit) return nb::none();
              return nb::make_tuple(t_end, array(s.p), array(s.velocity()));
-           }, "system"_a, "t_end"_a, "most"_a, "jumped"_a, "forces"_a.none())
+           }, "system"_a, "t_end"_a, "most"_a, "jumped"_a, "events"_a.none(), "forces"_a.none())
       .def("read", // what was made since the last call
            [](Stepper &s, const System &system) {
              Made<Curve> made = std::exchange(s.output, {});
@@ -128,14 +128,15 @@ void bind_events(nb::module_ &m) {
       .def(nb::init<MechanismSystem &>(), "rows"_a, nb::keep_alive<1, 2>())
       .def("add_gap", &ContactWatch::add_gap, "row"_a, "level"_a)
       .def("add_push", &ContactWatch::add_push, "place"_a)
-      .def("add_cone", &ContactWatch::add_cone, "place"_a, "beside"_a, "friction"_a)
+      .def("add_cone", &ContactWatch::add_cone, "places"_a, "U"_a, "beside"_a, "friction"_a)
+      .def("add_laws", &ContactWatch::add_laws, "laws"_a, "forces"_a, "agree"_a)
       .def("add_speed", &ContactWatch::add_speed, "row"_a, "direction"_a, "still"_a);
   nb::class_<KeptRows>(m, "KeptRows")
       .def(nb::init<MechanismSystem &, std::vector<int>, const Vec &, double>(), "all"_a, "kept"_a, "scales"_a, "t"_a, nb::keep_alive<1, 2>())
       .def("poor", &KeptRows::poor, "p"_a);
   nb::class_<Events>(m, "Events")
       .def(nb::init<const nb::list &, nb::handle, nb::handle, std::vector<int>, int>(), "events"_a, "interrupted"_a, "finish"_a.none(), "places"_a, "number"_a)
-      .def("enter_mode", &Events::enter_mode, "ends"_a, "contacts"_a)
+      .def("enter_mode", &Events::enter_mode, "contacts"_a)
       .def("restart", &Events::restart)
       .def("restart_after", &Events::restart_after)
       .def("has_changed", &Events::has_changed, "i"_a, "change"_a)

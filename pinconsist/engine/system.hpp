@@ -85,6 +85,9 @@ public:
   virtual bool calls_python() const = 0;
   // Gᵀ at the point evaluated last.
   virtual const Mat &G_transposed() const { return W; }
+  // Whether G depends on the multipliers; it takes these, at the point evaluated last. False if it does not change any more.
+  virtual bool reacts() const { return false; }
+  virtual bool react(const Vec &, const Vec &) { return false; }
   // A step has been accepted, with this velocity at its end.
   virtual void step_ended(const Vec &) {}
   virtual void integrate(const Vec &p, const Vec &xi, Vec &out) const = 0;

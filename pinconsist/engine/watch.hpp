@@ -1,9 +1,11 @@
 // The functions whose zeros end a mode of contact: gaps, forces and speeds of sliding.
 #pragma once
 
+#include "contact_laws.hpp"
 #include "mechanism.hpp"
 
 #include <algorithm>
+#include <optional>
 
 namespace pinconsist {
 
@@ -16,9 +18,15 @@ public:
   void add_gap(int row, double level) { watched_.push_back({Kind::gap, row, {}, level, {}}); }
   // A multiplier in use, of a force that may only push.
   void add_push(int place) { watched_.push_back({Kind::push, place, {}, 0.0, {}}); }
-  // friction · λ of `place` less |λ| of `beside`: the cone; or `friction` less |λ|, without a normal force.
-  void add_cone(int place, std::vector<int> beside, double friction) {
-    watched_.push_back({Kind::cone, place, std::move(beside), friction, {}});
+  // friction · |U λ|, with λ of these places, less |λ| of `beside`: the cone; or `friction` less |λ|, if there are no places.
+  void add_cone(std::vector<int> places, Mat U, std::vector<int> beside, double friction) {
+    watched_.push_back({Kind::cone, 0, std::move(beside), friction, {}, std::move(places), std::move(U)});
+  }
+  // Where forces of dependent rows, those of all rows being `forces` · λ, cannot be distributed so that they obey their laws, and
+  // ``agree(t, p, v)`` says that the accelerations call for other modes, this falls from 1 to −1. The owner keeps it alive.
+  void add_laws(ContactLaws laws, Mat forces, nb::handle agree) {
+    laws_.emplace(Dependent{std::move(laws), std::move(forces), agree});
+    watched_.push_back({Kind::laws, 0, {}, 0.0, {}});
   }
   // The speed of sliding of rows from `row` on, along `direction`; of two rows, along their direction at the start of each
   // step, if they slide faster than `still`.
@@ -27,16 +35,17 @@ public:
   size_t size() const { return watched_.size(); }
   bool is_gap(size_t i) const { return watched_[i].kind == Kind::gap; }
   bool with_multipliers() const {
-    return std::any_of(watched_.begin(), watched_.end(), [](const Watched &of) { return of.kind == Kind::push || of.kind == Kind::cone; });
+    return std::any_of(watched_.begin(), watched_.end(), [](const Watched &of) { return of.kind < Kind::gap; });
   }
 
   double value(size_t i, double t, const Vec &p, const Vec &v, const Vec &lam) {
     const Watched &of = watched_[i];
     if (of.kind == Kind::push) return lam[of.row];
+    if (of.kind == Kind::laws) return obeyed(t, p, v, lam) ? 1.0 : -1.0;
     if (of.kind == Kind::cone) {
       double square = 0.0;
       for (int place : of.beside) square += lam[place] * lam[place];
-      return (of.row < 0 ? of.number : of.number * lam[of.row]) - std::sqrt(square);
+      return of.number * (of.places.empty() ? 1.0 : load(of, lam)) - std::sqrt(square);
     }
     evaluate(t, p, v);
     if (of.kind == Kind::gap) return now_.gap[of.row] - of.number;
@@ -81,18 +90,39 @@ public:
   }
 
 private:
-  enum class Kind { gap, push, cone, speed };
+  enum class Kind { push, cone, laws, gap, speed }; // the first three use λ
   struct Watched {
     Kind kind;
     int row; // of the contacts' rows; of push and cone, a place in λ
     std::vector<int> beside;
     double number;
     Vec direction;
+    std::vector<int> places = {};
+    Mat U = {};
   };
   struct Seen {
     double t = NOT_A_NUMBER;
     Vec p, v, gap, rate;
   };
+
+  struct Dependent {
+    ContactLaws laws;
+    Mat forces;
+    nb::handle agree;
+  };
+
+  static double load(const Watched &of, const Vec &lam) {
+    const Vec all = of.U * lam(of.places);
+    return all.size() > 1 ? all.norm() : all[0]; // a normal force has a sign
+  }
+
+  bool obeyed(double t, const Vec &p, const Vec &v, const Vec &lam) {
+    Vec forces = laws_->forces * lam;
+    if (laws_->laws.obey(forces)) return true;
+    rows_.constraint(t, p, v);
+    laws_->laws.share(rows_.W, forces);
+    return laws_->laws.obey(forces) || nb::cast<bool>(laws_->agree(t, array(p), array(v)));
+  }
 
   void evaluate(double t, const Vec &p, const Vec &v) {
     if (now_.t == t && now_.p.size() && now_.p == p && now_.v == v) return;
@@ -105,6 +135,7 @@ private:
 
   MechanismSystem &rows_;
   std::vector<Watched> watched_;
+  std::optional<Dependent> laws_;
   Seen before_, now_;
 };
 

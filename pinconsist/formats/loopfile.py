@@ -98,7 +98,7 @@ class LoopFile:
                 force.bind(model)
         for number, contact in enumerate(self.contacts, start=1):
             with located(element=f"contact {number} ({contact.kind})", prefix=f"{contact.kind} {contact.name!r}: "):
-                contact.elements(model)
+                contact.elements(model, self.loops)
         for element, named in (("guess", self.guess), ("actuated joints", self.actuated)):
             for joint in named:
                 require_known(joint, tuple(model.names)[1:], f"the model has no joint {joint!r}", element)

@@ -10,6 +10,7 @@ record                          gap                                   force
 :class:`Rope`, :class:`Strut`   (L² - d²) / 2L, (d² - L²) / 2L        the same, N
 :class:`Contact`                height of the point over the plane    the same, and \\|λ_t\\| ≤ μ λ_n
 :class:`DryFriction`            none                                  \\|λ\\| ≤ limit, N·m or N
+:class:`PinFriction`            none                                  \\|λ\\| ≤ μ r \\|R\\|, N·m, R the load of the pin
 ==============================  ====================================  =============================================
 
 A run is divided into modes, in each of which every element is open, closed, sticking or sliding, see
@@ -22,16 +23,16 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from math import pi
 from sys import float_info
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .checks import frame_of, name, number, put, put_checked, triple
+from .checks import frame_of, name, near, number, put, put_checked, triple
 from .joint_constraints import Coordinate
 from .lie import integrate
-from .loops import GROUND
+from .loops import GROUND, Loop, across, unit
 from .names import velocity_units
 
 PLACES = 5  # random configurations at which tangents are compared
@@ -43,10 +44,11 @@ class ContactRecord(ABC):
 
     name: str
     kind: ClassVar[str]
+    has_gap: ClassVar[bool] = True
 
     @abstractmethod
-    def elements(self, model) -> list[Element]:
-        """The elements on a `model`; raises InputError for unknown joints and frames."""
+    def elements(self, model, loops=()) -> list[Element]:
+        """The elements on a `model` with `loops`; raises InputError for unknown joints, frames and loops."""
 
 
 def _restitution(record, who):
@@ -112,7 +114,7 @@ class Stop(ContactRecord):
             raise InputError(f"{who}: lower must be below upper, got {self.lower:g} and {self.upper:g}")
         _restitution(self, who)
 
-    def elements(self, model) -> list[Element]:
+    def elements(self, model, loops=()) -> list[Element]:
         who = f"stop {self.name!r}"
         joint = Coordinate(model, self.joint, who, "stopped")
         lower, upper = self.lower, self.upper
@@ -156,7 +158,7 @@ class _Between(ContactRecord):
         put_checked(self, who, number, "length", above=0.0)
         _restitution(self, who)
 
-    def elements(self, model) -> list[Element]:
+    def elements(self, model, loops=()) -> list[Element]:
         who = f"{self.kind} {self.name!r}"
         return [DistanceElement(self, _ends(model, who, (self.frame1, self.xyz1), (self.frame2, self.xyz2)))]
 
@@ -268,7 +270,7 @@ class Contact(ContactRecord):
             )
         _restitution(self, who)
 
-    def elements(self, model) -> list[Element]:
+    def elements(self, model, loops=()) -> list[Element]:
         return [PlaneElement(self, model)]
 
 
@@ -296,17 +298,66 @@ class DryFriction(ContactRecord):
     name: str = ""
 
     kind: ClassVar[str] = "dry-friction"
+    has_gap: ClassVar[bool] = False
 
     def __post_init__(self):
         put_checked(self, "dry friction", name, "joint")
         put(self, name=_named(self.name, f"{self.joint} friction", "dry friction"))
         put(self, friction=_friction(self.friction, f"dry friction {self.name!r}"))
 
-    def elements(self, model) -> list[Element]:
+    def elements(self, model, loops=()) -> list[Element]:
         return [JointFrictionElement(self, Coordinate(model, self.joint, f"dry friction {self.name!r}", "held"))]
 
 
-CONTACTS: dict[str, type] = {each.kind: each for each in (Stop, Rope, Strut, Contact, DryFriction)}
+@dataclass(frozen=True)
+class PinFriction(ContactRecord):
+    """Dry friction in the pin of a loop: its torque is at most μ r times the load of the pin across its axis.
+
+    Parameters
+    ----------
+    loop : str
+        A loop of kind ``"hinge"``, whose forces must be unique.
+    radius : float
+        Radius of the pin, m.
+    friction : float or (float, float)
+        Coulomb's friction coefficient; or the static and the kinetic one.
+    name : str
+        By default that of the loop with ``" friction"``.
+
+    Raises
+    ------
+    InputError
+        Numbers that cannot be used; on a mechanism, an unknown loop or one of another kind; in a run, loops that are
+        overdetermined.
+    """
+
+    loop: str
+    radius: float = 0.0
+    friction: float | tuple[float, ...] = 0.0
+    name: str = ""
+
+    kind: ClassVar[str] = "pin-friction"
+    has_gap: ClassVar[bool] = False
+
+    def __post_init__(self):
+        put_checked(self, "pin friction", name, "loop")
+        put(self, name=_named(self.name, f"{self.loop} friction", "pin friction"))
+        who = f"pin friction {self.name!r}"
+        put_checked(self, who, number, "radius", above=0.0)
+        put(self, friction=_friction(self.friction, who))
+
+    def elements(self, model, loops=()) -> list[Element]:
+        who = f"pin friction {self.name!r}"
+        loop = next((each for each in loops if each.name == self.loop), None)
+        if loop is None:
+            raise InputError(f"{who}: no loop {self.loop!r}{near(self.loop, [each.name for each in loops])}")
+        if not isinstance(loop, Loop) or loop.kind != "hinge":
+            kind = loop.kind if isinstance(loop, Loop) else type(loop).__name__.lower()
+            raise InputError(f"{who}: loop {self.loop!r} is a {kind}, and a pin is a loop of kind 'hinge'")
+        return [PinElement(self, model, loop)]
+
+
+CONTACTS: dict[str, type] = {each.kind: each for each in (Stop, Rope, Strut, Contact, DryFriction, PinFriction)}
 """Kinds in loop files → records."""
 
 
@@ -325,17 +376,22 @@ class Element(ABC):
         Of impacts; friction coefficients or, without a gap, forces.
     labels : tuple of str
         Names of its rows.
-    of_joint : bool
-        Whether its rows are a joint's coordinate.
+    of_joint, of_loop : bool
+        Whether its rows are a joint's coordinate, and whether its friction depends on the forces of a loop.
     """
 
-    pushes, of_joint = True, False
+    pushes, of_joint, of_loop = True, False, False
+    column: int  # of a joint's coordinate
     tangents, static, kinetic = 0, 0.0, 0.0
     labels: tuple[str, ...] = ("n",)
 
     def __init__(self, record, side=""):
         self.record, self.side = record, side
         self.restitution = getattr(record, "restitution", 0.0)
+
+    def unit(self, model) -> str:
+        """The unit of its positions."""
+        return velocity_units(model)[self.column] if self.of_joint else "m"
 
     @property
     def name(self) -> str:
@@ -349,6 +405,20 @@ class Element(ABC):
     @abstractmethod
     def add(self, compiled, rows=None, at=None) -> None:
         """Add all its rows to a compiled system, or those with these indices; tangential ones from `at` on, (k,)."""
+
+
+class Hinge(NamedTuple):
+    """The multipliers of a loop of kind hinge in a system with nv velocities: their places, and R = U λ."""
+
+    nv: int
+    places: tuple[int, ...] = ()
+    U: np.ndarray = np.zeros((2, 0))
+
+    def load(self, lam):
+        """|R|, N, of λ or a stack of them; 1 where a torque does not depend on a load."""
+        if not self.places:
+            return np.ones(lam.shape[:-1])
+        return np.linalg.norm(lam[..., list(self.places)] @ self.U.T, axis=-1)
 
 
 class LimitElement(Element):
@@ -378,6 +448,58 @@ class JointFrictionElement(Element):
 
     def add(self, compiled, rows=None, at=None):
         compiled.add_limit(self._joint.place, 1.0, 0.0 if at is None else float(at[0]), self._joint.period or 0.0)
+
+    def hinge(self, system) -> Hinge:
+        """The forces that its friction depends on: none."""
+        return Hinge(system.nv)
+
+    def slide(self, compiled, sense, hinge):
+        """Add its friction while it slides in one sense, -1 or 1."""
+        torque = np.zeros(hinge.nv)
+        torque[self.column] = -self.kinetic * sense
+        compiled.add_constant(torque)
+
+
+class PinElement(Element):
+    """Friction of the pin of a loop; `static` and `kinetic` are μ r, m, its position is the angle about the axis."""
+
+    pushes, of_loop, tangents, labels = False, True, 1, ("friction",)
+
+    def __init__(self, record, model, loop):
+        super().__init__(record)
+        who = f"pin friction {record.name!r}"
+        e = unit(loop.axis)
+        self._turn = np.column_stack((*across(e), e))
+        ends = []
+        for frame, place in (loop.frame1, loop.placement1), (loop.frame2, loop.placement2):
+            found = frame_of(model, frame, who)
+            ends += [found.parentJoint, (found.placement * place * pin.SE3(self._turn, np.zeros(3))).homogeneous]
+        self.ends = tuple(ends)
+        self.static, self.kinetic = (record.radius * each for each in record.friction)
+
+    def unit(self, model) -> str:
+        return "rad"
+
+    def hinge(self, system) -> Hinge:
+        """The multipliers of its loop in a system of the mechanism; InputError if they are not unique."""
+        if not system.dropped_are_zero:
+            raise InputError(
+                f"pin friction {self.name!r}: the loops are overdetermined, so that the load of the pin of loop "
+                f"{self.record.loop!r} is not unique; take kinds of loops with fewer rows, such as 'point'"
+            )
+        first = system.rows.slices[self.record.loop].start
+        places = [k for k, row in enumerate(system.kept) if 0 <= row - first < 3]
+        return Hinge(system.nv, tuple(places), self._turn.T[:2, [int(system.kept[k]) - first for k in places]])
+
+    def add(self, compiled, rows=None, at=None):
+        compiled.add_pin(*self.ends, 0.0 if at is None else float(at[0]))
+
+    def slide(self, compiled, sense, hinge):
+        compiled.add_turning_pin(*self.ends, list(hinge.places), hinge.U, self.kinetic * sense)
+
+    def moment(self, lam, turn1):
+        """The moment on body 2, (n, 3), in world axes; `turn1` are the axes of joint 1, (n, 3, 3)."""
+        return lam * (turn1 @ self.ends[1][:3, 2])
 
 
 class DistanceElement(Element):
@@ -484,23 +606,25 @@ def checked_contacts(model, contacts, loops) -> tuple[Any, ...]:
         raise InputError(f"contacts= needs a sequence, got {contacts!r}")
     contacts = tuple(contacts)
     if not all(isinstance(each, ContactRecord) for each in contacts):
-        raise InputError(f"contacts= needs Stop, Rope, Strut, Contact and DryFriction objects, got {contacts!r}")
+        raise InputError(
+            f"contacts= needs Stop, Rope, Strut, Contact, DryFriction and PinFriction objects, got {contacts!r}"
+        )
     names = [each.name for each in (*contacts, *loops)]
     if twice := [each.name for each in contacts if names.count(each.name) > 1]:
         raise InputError(f"two contacts or loops are named {min(twice)!r}; reports need unique names: give a name=")
-    elements_of(model, contacts)
+    elements_of(model, contacts, loops)
     return contacts
 
 
-def elements_of(model, contacts) -> list[Element]:
-    """The elements of contacts on a model."""
-    return [element for record in contacts for element in record.elements(model)]
+def elements_of(model, contacts, loops) -> list[Element]:
+    """The elements of contacts on a model with loops."""
+    return [element for record in contacts for element in record.elements(model, loops)]
 
 
 def contact_units(mechanism, name) -> tuple[str, str]:
     """The units of the gap and of the force of a contact, by the name of its record or of a stop."""
     for element in mechanism.contact_elements:
         if name in (element.name, element.record.name):
-            gap = velocity_units(mechanism.model)[element.column] if element.of_joint else "m"
+            gap = element.unit(mechanism.model)
             return gap, {"rad": "N·m", "m": "N"}[gap]
     raise KeyError(name)

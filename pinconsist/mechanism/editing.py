@@ -142,26 +142,28 @@ def lock(mechanism, joints, q=None):
     poses = {joint: model.jointPlacements[i].actInv(data.liMi[i]) for joint, i in locked.items()}
     smaller = rebuilt(model, dict.fromkeys(locked, ()), poses)
     state = _WholeState(model, locked.values(), full)
-    loops = (_loop(loop, mechanism, smaller, locked, state) for loop in mechanism.loops)
+    loops = [_loop(loop, mechanism, smaller, locked, state) for loop in mechanism.loops]
+    loops = tuple(loop for loop in loops if loop is not None)
     forces = (_force(force, mechanism, smaller, locked, state) for force in mechanism.forces)
     return replace(
         mechanism,
         model=smaller,
-        loops=tuple(loop for loop in loops if loop is not None),
+        loops=loops,
         forces=tuple(force for force in forces if force is not None),
-        contacts=_contacts(mechanism, smaller, locked),
+        contacts=_contacts(mechanism, smaller, locked, [loop.name for loop in loops]),
         guess=full[state.q_left],
         actuated=tuple(joint for joint in mechanism.actuated if joint not in locked),
     )
 
 
-def _contacts(mechanism, smaller, locked):
+def _contacts(mechanism, smaller, locked, loops):
     """The contacts that still can move."""
     left = []
     for each in mechanism.contacts:
         ends = [getattr(each, field, "") for field in ("frame1", "frame2", "frame", "on")]
         bodies = [body_of(smaller, frame) for frame in ends if frame]
-        if getattr(each, "joint", "") not in locked and (not bodies or bodies[0] != bodies[1]):
+        moves = getattr(each, "joint", "") not in locked and (not bodies or bodies[0] != bodies[1])
+        if moves and getattr(each, "loop", None) in (None, *loops):
             left.append(each)
     return tuple(left)
 

@@ -139,7 +139,7 @@ class Mechanism:
     @cached_property
     def contact_elements(self) -> list:
         """The elements of the contacts."""
-        return elements_of(self.model, self.contacts)
+        return elements_of(self.model, self.contacts, self.loops)
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
@@ -229,8 +229,8 @@ class Mechanism:
         """The same mechanism with these `contacts` instead of its own; without arguments, with none.
 
         Each is a record of :mod:`pinconsist.mechanism.contacts`: :class:`Stop`, :class:`Rope`, :class:`Strut`,
-        :class:`Contact`, :class:`DryFriction`. :meth:`add_contacts` keeps the existing ones. Raises InputError for
-        unknown joints and frames, names that are not unique, and other objects.
+        :class:`Contact`, :class:`DryFriction`, :class:`PinFriction`. :meth:`add_contacts` keeps the existing ones.
+        Raises InputError for unknown joints, frames and loops, names that are not unique, and other objects.
         """
         return replace(self, contacts=contacts)
 

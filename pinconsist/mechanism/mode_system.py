@@ -7,13 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..engine.complementarity import Grip, Push, solve
+from ..engine.complementarity import contact_laws
 from ..engine.systems import blank_system
 from .system import MechanismSystem
 
 OPEN, CLOSED, STICK, SLIP = "open", "closed", "stick", "slip"
 DEPENDENT = 1e-6  # remainder of a row, relative to its length, below which it depends on those before it
-SHARED = 1e-9  # relative error of forces that are distributed among dependent rows
 EQUAL = 1e-6  # relative difference of remainders that are as large
 APART = 1e-9  # part of a gap in a dependence of unit length below which it has none
 NO_ROW = 1e-9  # length of a row, relative to the longest, that is rounding
@@ -77,6 +76,18 @@ class ModeSystem(MechanismSystem):
             self.shared.append(Shared(members, shares, place))
             place += shares.shape[1]
         self.nc = place
+        self.spread = self._spread()
+        self.hinges = {i: each.hinge(base) for i, each in enumerate(self.elements) if not each.pushes}
+
+    def _spread(self) -> np.ndarray:
+        """The matrix (rows of all elements, nc) that makes forces of the multipliers, except those of sliding."""
+        spread = np.zeros((int(self.firsts[-1]), self.nc))
+        for members, shares, place in self.shared:
+            spread[self.firsts[list(members)], place : place + shares.shape[1]] = shares
+        for i, rows in self.used.items():
+            for row, place in rows.items():
+                spread[self.firsts[i] + row, place] = 1.0
+        return spread
 
     @property
     def base(self) -> MechanismSystem:
@@ -110,6 +121,7 @@ class ModeSystem(MechanismSystem):
 
     def hand_over(self, compiled):
         self.kept_rows.hand_over(compiled)
+        self._slide_joints(compiled, of_loops=True)
         for i, rows in self.used.items():
             element, mode = self.elements[i], self.modes[i]
             if mode.kind == SLIP:
@@ -127,17 +139,13 @@ class ModeSystem(MechanismSystem):
 
     def hand_over_forces(self, compiled):
         super().hand_over_forces(compiled)
-        sliding = self.sliding_friction()
-        if sliding.any():
-            compiled.add_constant(sliding)
+        self._slide_joints(compiled, of_loops=False)
 
-    def sliding_friction(self) -> np.ndarray:
-        """The joint torques of dry friction that slides, (nv,)."""
-        found = np.zeros(self.nv)
-        for element, mode in zip(self.elements, self.modes, strict=True):
-            if mode.kind == SLIP and not element.pushes:
-                found[element.column] -= element.kinetic * mode.direction[0]
-        return found
+    def _slide_joints(self, compiled, of_loops):
+        """Add the friction of joints, or of pins of loops, that slide."""
+        for i, hinge in self.hinges.items():
+            if self.modes[i].kind == SLIP and self.elements[i].of_loop == of_loops:
+                self.elements[i].slide(compiled, self.modes[i].direction[0], hinge)
 
     @property
     def n_multipliers(self):
@@ -149,15 +157,11 @@ class ModeSystem(MechanismSystem):
         The friction of contacts that slide is that of their velocity `v`.
         """
         of_loops = lam[..., : self.base.nc].copy()
-        own = np.zeros((*lam.shape[:-1], int(self.firsts[-1])))
-        for members, shares, place in self.shared:
-            own[..., self.firsts[list(members)]] = lam[..., place : place + shares.shape[1]] @ shares.T
+        own = lam @ self.spread.T
         for i, (element, mode) in enumerate(zip(self.elements, self.modes, strict=True)):
-            first = self.firsts[i]
-            for row, place in self.used.get(i, {}).items():
-                own[..., first + row] = lam[..., place]
             if mode.kind == SLIP:
-                self._slide(own[..., first : self.firsts[i + 1]], i, element, mode, q, v)
+                first = self.firsts[i]
+                self._slide(own[..., first : self.firsts[i + 1]], i, element, mode, q, v, lam)
         if self.redundant:
             self._share(q, of_loops, own)
         loops = self.base.full_multipliers(q, of_loops, complete)
@@ -169,19 +173,17 @@ class ModeSystem(MechanismSystem):
         Rows may depend on each other by the loops, which then carry what the others do not: only the part of the forces
         that the loops cannot carry is given.
         """
-        blocks, rows = self._laws()
+        laws = self.laws()
         states = [(q, of_loops, own)] if own.ndim == 1 else zip(q, of_loops, own, strict=True)
         for position, loops, forces in states:
-            if not forces.any() or self.obeys(forces):
+            if laws.obey(forces):
                 continue
-            R, J = self.every.rows(position)[1][rows], self._loops.rows(position)[1]
+            R, J = self.every.rows(position)[1], self._loops.rows(position)[1]
             carried = np.linalg.qr(J.T)[0]
-            free = R - (R @ carried) @ carried.T
-            total = forces[rows] @ free
-            shares = solve(free @ free.T, -free @ total, blocks, shared=True)[0]
-            if np.abs(shares @ free - total).max() <= SHARED * np.abs(total).max():
-                loops += np.linalg.lstsq(J.T, (forces[rows] - shares) @ R, rcond=None)[0]
-                forces[rows] = shares
+            shares = laws.shared(R - (R @ carried) @ carried.T, forces)
+            if len(J):
+                loops += np.linalg.lstsq(J.T, (forces - shares) @ R, rcond=None)[0]
+            forces[:] = shares
 
     @cached_property
     def _loops(self):
@@ -190,37 +192,25 @@ class ModeSystem(MechanismSystem):
         self.base.kept_rows.hand_over(compiled)
         return compiled
 
-    def _laws(self):
-        """The blocks of the forces of elements that rest or stick, and their rows; what slides stays as it is."""
-        blocks, rows = [], []
-        for i, (element, mode) in enumerate(zip(self.elements, self.modes, strict=True)):
-            if mode.kind == OPEN or mode.kind == SLIP:
-                continue
-            at, first = len(rows), int(self.firsts[i])
-            if element.pushes:
-                blocks.append(Push(at))
-                rows.append(first)
-            if mode.kind == STICK:
-                own = len(rows), element.tangents
-                rows += range(first + element.pushes, first + element.size)
-                law = {"friction": element.static, "of": at} if element.pushes else {"limit": element.static}
-                blocks.append(Grip(*own, **law))
-        return blocks, rows
+    def laws(self):
+        """The laws of the elements, in the engine: what rests or sticks shares forces, what slides keeps its own.
 
-    def obeys(self, forces) -> bool:
-        """Whether the forces of all elements obey their laws: those of gaps push, and friction is below its limit."""
-        small = SHARED * np.abs(forces).max()
-        for i, element in enumerate(self.elements):
-            own = forces[self.firsts[i] : self.firsts[i + 1]]
-            limit = element.static * (own[0] if element.pushes else 1.0)
-            if (element.pushes and own[0] < -small) or np.linalg.norm(own[element.pushes :]) > limit + small:
-                return False
-        return True
+        The limit of a pin is not known there: that its forces obey is found by its accelerations.
+        """
+        return contact_laws(
+            [
+                (
+                    int(first), element.pushes, element.tangents, 0.0 if element.of_loop else element.static,
+                    mode.kind in (CLOSED, STICK), mode.kind == STICK,
+                )
+                for first, element, mode in zip(self.firsts, self.elements, self.modes, strict=False)
+            ]
+        )  # fmt: skip
 
-    def _slide(self, own, i, element, mode, q, v):
+    def _slide(self, own, i, element, mode, q, v, lam):
         """Fill in the tangential forces of an element that slides."""
         if not element.pushes:
-            own[..., 0] = -element.kinetic * np.array(mode.direction)[0]
+            own[..., 0] = -element.kinetic * self.hinges[i].load(lam) * mode.direction[0]
             return
         direction = np.broadcast_to(mode.direction, (*own.shape[:-1], len(mode.direction)))
         if element.tangents == 2 and v is not None:

@@ -18,7 +18,6 @@ from ..mechanism.breakpoints import jump_offset
 from ..mechanism.checks import near, read_only
 from ..mechanism.contacts import DistanceElement, PlaneElement, contact_units
 from ..mechanism.mode_system import CLOSED, OPEN, SLIP, STICK, Mode, ModeSystem, first_rows
-from ..mechanism.names import velocity_units
 from ..mechanism.rows import LoopRows
 from ..mechanism.system import MechanismSystem
 
@@ -61,7 +60,8 @@ class ContactMotion:
     gap : ndarray, shape (n,)
         m or rad; of a joint with two stops that to the nearer one, 0 for dry friction.
     force : ndarray
-        Of a stop or dry friction the torque or force on the joint, N·m or N, and of a rope or strut the tension
+        Of a stop or dry friction the torque or force on the joint, N·m or N, of a pin the torque on body 2 of its loop
+        about the axis of anchor 1, N·m, and of a rope or strut the tension
         or pressure, N, shape (n,); of a point on a plane the force on the body, N, in world axes, shape (n, 3).
     slip : ndarray, shape (n, k)
         Velocities along the tangents, m/s or rad/s.
@@ -245,9 +245,9 @@ def all_rows(elements, model, owner=None):
 
 def row_units(mechanism) -> list[str]:
     """The unit of each row of :attr:`Mechanism.row_labels`: of contacts that of their joint, or m."""
-    of_joints, units = velocity_units(mechanism.model), list(LoopRows.of(mechanism).units)
+    units = list(LoopRows.of(mechanism).units)
     for element in mechanism.contact_elements:
-        units += [of_joints[element.column] if element.of_joint else "m"] * element.size
+        units += [element.unit(mechanism.model)] * element.size
     return units
 
 
@@ -278,7 +278,7 @@ def contact_columns(solution, mechanism):
     for record in mechanism.contacts:
         found = contact_motion(solution, mechanism, record.name, rows)
         of_gap, of_force = contact_units(mechanism, record.name)
-        if record.kind != "dry-friction":
+        if record.has_gap:
             yield f"gap.{record.name}", of_gap, found.gap
         if found.force.ndim == 1:
             yield f"force.{record.name}", of_force, found.force

@@ -204,12 +204,9 @@ class EventWatch:
 
     def enter_mode(self) -> None:
         """Watch for the end of the present mode of contacts."""
-        watched, ends = self.modes.watch()
-        asked = [Event(self.modes.margin, name="contacts") for _ in range(self.modes.system.redundant)]
-        self._ends = [*((None, "agree") for _ in asked), *ends]
-        mode = [_in_numbers(event) for event in asked], watched
-        self.compiled.enter_mode(*mode)
-        self._mode = mode
+        watched, self._ends, agree = self.modes.watch()
+        self.compiled.enter_mode(watched)
+        self._mode = watched, agree
 
     def ended(self, fired) -> list:
         """What has ended the mode of contacts among events with these indices: pairs (element, what fell to zero)."""

@@ -217,7 +217,7 @@ class March:
             if made.reason == "interrupted":
                 raise KeyboardInterrupt
             if made.reason == "event":
-                self._after_events(*self.stepper.hit)
+                self.after_events(*self.stepper.hit)
                 continue
             self.t = self.stepper.t
             if made.reason == "failed" and not self._other_rows():
@@ -274,7 +274,7 @@ class March:
         self.start(p, v)
         return True
 
-    def _after_events(self, fired, at, ends) -> None:
+    def after_events(self, fired, at, ends) -> None:
         """Start again after events; Stop if one ends the run."""
         stepper = self.stepper
         record = self.record
@@ -307,7 +307,7 @@ class March:
         if watch.modes is not None:
             hit = watch.compiled.passed(fired, t, p, v, known[1])
             if hit is not None:
-                self._after_events(*hit)
+                self.after_events(*hit)
                 return
         self.start(p, v, known)
 

@@ -38,7 +38,6 @@ NOISE = 1e-13  # of a gap, relative to positions
 LIFTS = 4  # Newton steps by which gaps are closed
 LIFTED = 1e-11  # violation of a gap, relative to positions, that is removed where it closes
 APPROACH = 1e-11  # rate of a gap, relative to velocities, that is none
-HELD = 1e-8  # rate of a row, relative to velocities, of what is at rest, between the ends of steps
 SLIDES = 1e-10  # speed of sliding, relative to velocities, that is none, in a plane
 TIE = 1e-7  # of the largest force: at the end of a mode a smaller one is zero
 STICKS = 1e-9  # of the largest acceleration: a smaller one of sliding is none
@@ -47,6 +46,7 @@ LIKELY = 10.0  # tolerances: an error of velocities that runs have
 SLOWEST = 1e-7  # m/s: of slower sliding in three dimensions rounding decides the direction
 UNSOLVED = 1e-6  # residual of a complementarity problem that has no solution
 GAIN = 1e-9  # kinetic energy, relative, that an impact may gain by rounding
+LOADS, LOADED = 40, 1e-13  # times that the loads of pins are found again, and their relative change that is none
 AT_ONCE = 30  # changes of mode at one time after which a run ends
 
 
@@ -77,23 +77,29 @@ class Modes:
     """
 
     def __init__(self, base, rtol, atol):
-        self.base, self._rtol, self._atol = base, rtol, atol
+        self._rtol, self._atol = rtol, atol
         self.elements = base.mechanism.contact_elements
         self.firsts = first_rows(self.elements)
         self.periods: list[Period] = []
         self.impacts: list[ContactImpact] = []
         self.every = all_rows(self.elements, base.model, base.workspace)
-        self._loops = compiled_system(base)
+        self._stand_on(base)
         self._levels: list[float] = [0.0] * len(self.elements)
         self._speeds = np.zeros(len(self.elements))  # the largest of approach so far
         self._fastest = 0.0  # the largest rate of all rows so far
-        self._known: dict[tuple, ModeSystem] = {}
         self._at_once, self._last = 0, -np.inf
         self._told: list[str] = []
 
     @property
     def system(self) -> ModeSystem:
         return self.periods[-1].system
+
+    def _stand_on(self, base):
+        """Take the equations of the loops."""
+        self.base = base
+        self._loops = compiled_system(base)
+        self._known: dict[tuple, ModeSystem] = {}
+        self.hinges = {i: each.hinge(base) for i, each in enumerate(self.elements) if not each.pushes}
 
     def begin(self, t, p, v):
         """Choose the modes at a start; returns p and v, which an impact may change."""
@@ -188,7 +194,7 @@ class Modes:
 
     def rebased(self, t, base) -> ModeSystem:
         """The present mode with other rows of the loops."""
-        self.base, self._loops, self._known = base, compiled_system(base), {}
+        self._stand_on(base)
         system = self.system
         self.periods.append(Period(t, system.with_base(base)))
         return self.system
@@ -401,7 +407,7 @@ class Modes:
         return again.modes(z, u), v
 
     def agree(self, t, p, v) -> bool:
-        """Whether the accelerations at a state call for the present modes: for redundant rows."""
+        """Whether accelerations at a state call for the present modes: where dependent rows do not obey their laws."""
         modes, state = self.system.modes, self._rows(t, p, v)
         problem = _Accelerations(self, state, self._closed_gaps(), set(), modes)
         z, u, left = problem.solve({i for i, mode in enumerate(modes) if mode.kind == SLIP})
@@ -412,31 +418,12 @@ class Modes:
 
     # Where the present mode ends
 
-    def margin(self, t, p, v, lam) -> float:
-        """Falls from 1 to -1 where the accelerations call for other modes: for redundant rows.
-
-        If the forces of the present modes, distributed among dependent rows, obey their laws, these modes are right, as
-        long as the rows that are not used hold as well: they do not where a drive moves what they hold.
-        """
-        if self.system.obeys(lam[self.base.rows.nc :]) and self._all_held(t, p, v):
-            return 1.0
-        return 1.0 if self.agree(t, p, v) else -1.0
-
-    def _all_held(self, t, p, v) -> bool:
-        """Whether all rows of what is closed or sticks are at rest."""
-        rates = np.abs(self.every.evaluate(t, p, v, np.zeros(len(v)))[3])
-        bound = HELD * (1.0 + largest(v))
-        for i, (element, mode) in enumerate(zip(self.elements, self.system.modes, strict=True)):
-            first = int(self.firsts[i])
-            begin = first if mode.kind != OPEN else first + element.pushes
-            end = first + element.size if mode.kind == STICK else first + element.pushes
-            if largest(rates[begin:end]) > bound:
-                return False
-        return True
-
     def watch(self):
-        """The functions that end the present mode, and what each is: pairs (element, ``gap``, ``push``, …)."""
-        watched, system, what = required().ContactWatch(self.every), self.system, []
+        """The functions that end the present mode, what each is, pairs (element, ``gap``, …), and what they call."""
+        watched, system, what, agree = required().ContactWatch(self.every), self.system, [], self.agree
+        if system.redundant:
+            watched.add_laws(system.laws(), system.spread, agree)
+            what.append((None, "agree"))
         for i, (element, mode) in enumerate(zip(self.elements, system.modes, strict=True)):
             first, used = int(self.firsts[i]), system.used.get(i, {})
             if mode.kind == OPEN:
@@ -449,12 +436,13 @@ class Modes:
                 what.append((i, "push"))
             if mode.kind == STICK and not system.redundant:
                 beside = [place for row, place in used.items() if row >= element.pushes]
-                watched.add_cone(used.get(0, -1) if element.pushes else -1, beside, element.static)
+                load = ([used[0]], np.ones((1, 1))) if element.pushes else system.hinges[i][1:]
+                watched.add_cone(*load, beside, element.static)
                 what.append((i, "cone"))
             if mode.kind == SLIP:
                 watched.add_speed(first + element.pushes, np.array(mode.direction), self.still)
                 what.append((i, "speed"))
-        return watched, what
+        return watched, what, agree
 
 
 def _weak(system, J) -> bool:
@@ -488,6 +476,11 @@ class _Instant:
         except np.linalg.LinAlgError:
             found = np.linalg.lstsq(self._kkt, right, rcond=None)[0]
         self.free, self.responses = found[:n, 0], found[:n, 1:]
+        self._of_loops = found[n:]
+
+    def multipliers(self, forces):
+        """Those of the loops, under the forces of all rows."""
+        return self._of_loops[:, 0] + self._of_loops[:, 1:] @ forces
 
     def response(self, force):
         """The accelerations that follow a force (nv,) or several (nv, k)."""
@@ -550,7 +543,40 @@ class _Accelerations:
                 self.sticking.add(i)
 
     def solve(self, kinetic):
-        """(z, u, residual); elements of `kinetic` have their kinetic friction."""
+        """(z, u, residual); elements of `kinetic` have their kinetic friction.
+
+        The loads of pins, which limit their friction, depend on the solution.
+        """
+        hinges = {i: hinge for i, hinge in self._modes.hinges.items() if self._modes.elements[i].of_loop}
+        self.loads = dict.fromkeys(self._modes.hinges, 1.0)
+        if hinges:
+            lam = self._state.multipliers(np.zeros(len(self._state.R)))
+            self.loads |= {i: float(hinge.load(lam)) for i, hinge in hinges.items()}
+        for _ in range(LOADS):
+            found = self._solved(kinetic)
+            before = np.array([self.loads[i] for i in hinges])
+            lam = self._state.multipliers(self._forces(found[0]))
+            self.loads |= {i: float(hinge.load(lam)) for i, hinge in hinges.items()}
+            after = np.array([self.loads[i] for i in hinges])
+            if largest(after - before) <= LOADED * largest(after):
+                break
+        return found
+
+    def _forces(self, z):
+        """The forces of all rows."""
+        modes, forces = self._modes, np.zeros(len(self._state.R))
+        for i, element in enumerate(modes.elements):
+            first = modes.firsts[i]
+            if i in self.normal:
+                forces[first] = z[self.normal[i]]
+            if i in self.tangent:
+                forces[first + element.pushes : modes.firsts[i + 1]] = z[list(self.tangent[i])]
+            elif i in self.sliding:
+                push = forces[first] if element.pushes else self.loads[i]
+                forces[first + element.pushes : modes.firsts[i + 1]] = -element.kinetic * push * self.sliding[i]
+        return forces
+
+    def _solved(self, kinetic):
         modes, state = self._modes, self._state
         rows, columns, blocks, force = [], [], [], np.zeros(len(state.v))
         self.normal, self.tangent = {}, {}
@@ -575,10 +601,11 @@ class _Accelerations:
                 continue
             first = modes.firsts[i]
             if i in self.sliding:
-                force[element.column] -= element.kinetic * self.sliding[i][0]
+                force -= element.kinetic * self.loads[i] * self.sliding[i][0] * state.R[first]
                 continue
             self.tangent[i] = range(len(rows), len(rows) + 1)
-            blocks.append(Grip(len(rows), 1, limit=element.kinetic if i in kinetic else element.static))
+            limit = self.loads[i] * (element.kinetic if i in kinetic else element.static)
+            blocks.append(Grip(len(rows), 1, limit=limit))
             rows.append(first)
             columns.append(state.responses[:, first])
         if not rows:
@@ -616,7 +643,8 @@ class _Accelerations:
         speed = float(np.linalg.norm(moves))
         if speed > STICKS * self._scale:
             return Mode(SLIP, direction=tuple((moves / speed).tolist()))
-        size, limit = float(np.linalg.norm(force)), element.kinetic * (z[self.normal[i]] if element.pushes else 1.0)
+        load = z[self.normal[i]] if element.pushes else self.loads[i]
+        size, limit = float(np.linalg.norm(force)), element.kinetic * load
         if (i, "cone") in self._fired and size >= (1.0 - TIE) * limit > 0.0:
             return Mode(SLIP, direction=tuple((-force / size).tolist()))
         if self._before[i].kind == STICK:

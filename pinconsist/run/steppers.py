@@ -229,8 +229,8 @@ class Stepper(ABC):
         return None
 
     @property
-    def hit(self) -> tuple:
-        """Indices of the events at which the run has stopped, (t, p, v, λ) there, and whether they end it."""
+    def hit(self) -> tuple | None:
+        """Indices of the events at which the run has stopped, (t, p, v, λ) there, and whether they end it; or None."""
         return self._core.hit
 
     @property
@@ -245,9 +245,9 @@ class Stepper(ABC):
             array.flags.writeable = False
         return Made(steps, rows, orders, curves and self._curve(*curves), self._core.reached)
 
-    def reach(self, t_end, jumped, forces):
-        """Integrate to a time without returning the steps: (t, p, v) there, or None."""
-        reached = self._core.reach(self._compiled, t_end, self.batch, jumped, forces)
+    def reach(self, t_end, jumped, events, forces):
+        """Integrate to a time without returning the steps: (t, p, v) there; None if it is not reached, or at events."""
+        reached = self._core.reach(self._compiled, t_end, self.batch, jumped, events, forces)
         if reached is not None:
             for state in reached[1:]:
                 state.setflags(write=False)

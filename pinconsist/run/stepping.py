@@ -94,7 +94,8 @@ class Simulation:
         self._values: dict = {}  # parameters that were changed since
         self._step, self._columns = step, {}
         self._options = Options(method, step, order, rtol, atol, max_step=max_step)
-        self._free, self._quick, self._discrete = Lock(), False, None
+        self._free, self._discrete = Lock(), None
+        self._quick = self._direct = False  # whether a run may start without assembly, and steps be made in the engine
         self.reset(q0, v0, t0)
 
     @property
@@ -180,8 +181,9 @@ class Simulation:
         self._watch = EventWatch(self._events, self._stepper, bool, modes)
         self._begins(system, t, q, v, like)
         self._changing = system if len(system.changing) > 1 + len(self._actuators) else None  # besides by `control`
-        plain = not self._events and not contacts and self._step is None
-        self._quick = plain and system.dropped_are_zero and not system.moving
+        plain = not self._events and self._step is None
+        self._direct = plain and system.dropped_are_zero and not system.moving
+        self._quick = self._direct and not contacts
 
     def _begins(self, system, t, q, v, like=None):
         """A run of the stepper that will begin at a state."""
@@ -300,21 +302,24 @@ class Simulation:
         if not self._record.begun:
             self._begin()
             jumped, (t, q, v) = False, self._place
-        if self._resumes and self._quick:
+        hit = None
+        if self._resumes and self._direct:
             reached = None
-            try:  # as `March` does, without events or records
-                reached = self._stepper.reach(t_end, jumped, self._changing)
+            try:  # as `March` does, without records, up to an end of a mode of contacts
+                reached = self._stepper.reach(t_end, jumped, self._watch.compiled, self._changing)
             finally:
                 if reached is None:
                     self._keep()
                 self._place = reached or self._record.last()[:3]
             if reached is not None:
                 return State(*reached)
-            (t, q, v), jumped = self._place, False
+            (t, q, v), jumped, hit = self._place, False, self._stepper.hit
         span, resumes, self._resumes = (t, t_end), self._resumes, False
         try:
             run = March(self._stepper, span, self._method, self._record, self._watch, bool)
-            if resumes:
+            if hit is not None:
+                run.after_events(*hit)
+            elif resumes:
                 self._stepper.resume()
             else:
                 run.start(q, v)
@@ -405,7 +410,7 @@ class Simulation:
         self._keep()
 
     def _keep(self):
-        if self._quick and self._resumes:
+        if self._direct and self._resumes:
             self._record.add(self._stepper.read())
 
     def _begin(self):

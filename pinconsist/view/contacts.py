@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from ..mechanism.contacts import DistanceElement, LimitElement, PlaneElement
+from ..mechanism.contacts import DistanceElement, LimitElement, PinElement, PlaneElement
 from ..mechanism.names import body_names
 from .arrows import FORCE, MOMENT, Action
 from .motion import Run, bar_poses, in_world, joint_axis, point_in_world
@@ -144,6 +144,11 @@ def contact_actions(run: Run, poses: np.ndarray) -> list[Action]:
             x2 = point_in_world(poses, joint2, place2[:3, 3])
             bodies = _bodies(names, joint2, joint1)
             out.append(Action(name, name, FORCE, x2, element.force(lam, x1, x2, None), bodies))
+        elif isinstance(element, PinElement):
+            joint1, place1, joint2, _ = element.ends
+            turn = np.array([pin.XYZQUATToSE3(pose).rotation for pose in poses[:, joint1]])
+            point = point_in_world(poses, joint1, place1[:3, 3])
+            out.append(Action(name, name, MOMENT, point, element.moment(lam, turn), _bodies(names, joint2, joint1)))
         else:
             out += _on_joint(run, poses, element, getattr(element, "sign", 1.0) * lam[:, 0])
     return [action for action in out if action.norms.any()]

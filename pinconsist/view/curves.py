@@ -124,7 +124,7 @@ def _of_contacts(some: Run, poses):
         yield group, UNITS[action.kind], action.name, values, {"of": action.of}
     if getattr(some.source, "contacts", None) is None or len(some.source.t) != len(some.t):
         return
-    names = [each.name for each in some.mech.contacts if each.kind != "dry-friction"]
+    names = [each.name for each in some.mech.contacts if each.has_gap]
     for name in names:
         gap, unit = some.source.contact(name, some.mech).gap, contact_units(some.mech, name)[0]
         yield {"m": "gaps", "rad": "gaps of joints"}[unit], unit, name, gap, {"of": name}

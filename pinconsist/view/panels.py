@@ -352,7 +352,7 @@ def contacts(left, right, drawn):
     if not mech.contacts or getattr(drawn.sol, "contacts", None) is None:
         raise InputError("there are no contacts to draw: the mechanism has none, see mech.with_contacts()")
     found = {each.name: drawn.sol.contact(each.name, mech) for each in mech.contacts}
-    gaps = {each.name: found[each.name].gap for each in mech.contacts if each.kind != "dry-friction"}
+    gaps = {each.name: found[each.name].gap for each in mech.contacts if each.has_gap}
     sizes = {
         name: np.linalg.norm(each.force, axis=1) if each.force.ndim > 1 else np.abs(each.force)
         for name, each in found.items()

@@ -42,6 +42,7 @@ PARAMETERS = {  # those after the bar by name only
     "Outcome": "index case value error message traceback finished",
     "Peak": "of value t between",
     "Piecewise": "force times period",
+    "PinFriction": "loop radius friction name",
     "Reaction": "loop kind axes t force moment torque joint_forces dependence not_unique shared_with resultant_of"
     " resultant_force resultant_moment",
     "Rerun": "same differences solution",
