@@ -3,10 +3,9 @@
 
 #include "numbers.hpp"
 #include "radau_stepper.hpp"
+#include "threads.hpp"
 
-#include <atomic>
 #include <string>
-#include <thread>
 
 namespace pinconsist {
 
@@ -114,14 +113,7 @@ private:
   // Calls work(worker, run, its index among these) for some runs, each on one of the threads.
   template <class Work> void each(const std::vector<int> &runs, const Work &work) {
     nb::gil_scoped_release release;
-    std::atomic<size_t> next{0};
-    const auto loop = [&](Worker &worker) {
-      for (size_t k = next++; k < runs.size(); k = next++) work(worker, runs[k], k);
-    };
-    std::vector<std::thread> others;
-    for (size_t k = 1; k < std::min(workers_.size(), runs.size()); ++k) others.emplace_back(loop, std::ref(*workers_[k]));
-    loop(*workers_[0]);
-    for (auto &other : others) other.join();
+    threads_.each(runs.size(), workers_.size(), [&](size_t thread, size_t k) { work(*workers_[thread], runs[k], k); });
   }
 
   // The first column and the number of columns of each table among what is held.
@@ -199,6 +191,7 @@ private:
 
   const nb::object none_ = nb::none(); // in place of functions
   std::vector<std::unique_ptr<Worker>> workers_;
+  Threads threads_;
   std::vector<RadauMemory> memories_;
   std::vector<char> begun_;
 };
