@@ -256,7 +256,8 @@ class Discrete:
 
     def of_steps(self, start, made, end) -> StepLinearization:
         """The linearisation of the steps that a run has made from `start`, as StageSteps, to `end`, (t, q, v)."""
-        return StepLinearization(self.inputs.names, *end, self, start, (made, made.t))
+        t, q, v = end
+        return StepLinearization(self.inputs.names, t, q, v, self, start, (made, made.t))
 
     def through(self, steps, states):
         """The ends of steps by their starts along directions `states` (2 nv, n), and by the inputs."""

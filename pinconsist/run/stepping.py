@@ -211,11 +211,8 @@ class Simulation:
             require_nonsingular(system, assembly.q)
             self._mechanism, self._discrete = mechanism, None
             self._stand(system, t, assembly.q, assembly.v, before)
-        t = self._place[0]
-        if commands:
-            self._hold(t, commands)
-        if np.count_nonzero(torque):
-            self._hold(t, torque)
+        if commands or np.count_nonzero(torque):
+            self._hold_these(self._place[0], commands, torque)
         return self.state
 
     def _changes_in_place(self, values) -> bool:
