@@ -136,7 +136,8 @@ class Variant:
     def beside(self) -> tuple[dict, dict, dict]:
         """The sides by their offsets in steps, and the weights of differences of fourth and of second order."""
         errors = []
-        for weights, near in SIDES:
+        for fourth, near in SIDES:
+            weights = near if self.of_loop else fourth  # rows are quadratic in anchors
             try:
                 sides = {m: self.make(m) if m else self.base for m in weights}
             except (PinconsistError, ValueError) as error:
