@@ -39,6 +39,14 @@ public:
     });
   }
 
+  // Whether what rests and sticks does so, with these rates of all rows: a drive may move what rows that are not used hold.
+  bool held(const Vec &rates, double most) const {
+    return std::all_of(elements_.begin(), elements_.end(), [&](const Element &of) {
+      const bool gap = !(of.rests && of.pushes) || std::abs(rates[of.first]) <= most;
+      return gap && (!of.sticks || rates.segment(of.first + of.pushes, of.tangents).cwiseAbs().maxCoeff() <= most);
+    });
+  }
+
   // Distribute forces among dependent rows of the matrix R of all rows, so that each obeys its law, if that is possible.
   // What the last distribution has added is tried first.
   void share(const Mat &R, Vec &forces) {

@@ -22,8 +22,9 @@ public:
   void add_cone(std::vector<int> places, Mat U, std::vector<int> beside, double friction) {
     watched_.push_back({Kind::cone, 0, std::move(beside), friction, {}, std::move(places), std::move(U)});
   }
-  // Where forces of dependent rows, those of all rows being `forces` · λ, cannot be distributed so that they obey their laws, and
-  // ``agree(t, p, v)`` says that the accelerations call for other modes, this falls from 1 to −1. The owner keeps it alive.
+  // Where forces of dependent rows, those of all rows being `forces` · λ, cannot be distributed so that they obey their laws, or
+  // rows that are not used do not hold, and ``agree(t, p, v)`` says that the accelerations call for other modes, this falls from
+  // 1 to −1. The owner keeps it alive.
   void add_laws(ContactLaws laws, Mat forces, nb::handle agree) {
     laws_.emplace(Dependent{std::move(laws), std::move(forces), agree});
     watched_.push_back({Kind::laws, 0, {}, 0.0, {}});
@@ -118,10 +119,10 @@ private:
 
   bool obeyed(double t, const Vec &p, const Vec &v, const Vec &lam) {
     Vec forces = laws_->forces * lam;
-    if (laws_->laws.obey(forces)) return true;
     rows_.constraint(t, p, v);
     laws_->laws.share(rows_.W, forces);
-    return laws_->laws.obey(forces) || nb::cast<bool>(laws_->agree(t, array(p), array(v)));
+    const bool right = laws_->laws.obey(forces) && laws_->laws.held(rows_.rho, HELD * (1.0 + largest(v)));
+    return right || nb::cast<bool>(laws_->agree(t, array(p), array(v)));
   }
 
   void evaluate(double t, const Vec &p, const Vec &v) {
@@ -130,6 +131,7 @@ private:
     now_ = {t, p, v, rows_.phi, rows_.rho};
   }
 
+  static constexpr double HELD = 1e-8;    // rate of a row, relative to velocities, of what is at rest, between the ends of steps
   static constexpr double EDGE = 1e-6;    // of the way between two looks: a minimum there is seen by the looks
   static constexpr double NEAR_GAP = 0.2; // of the gaps at the looks: a lower minimum is looked at
 
