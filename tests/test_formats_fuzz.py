@@ -13,6 +13,7 @@ from helpers.fuzz_seeds import (
     BODY,
     CLOSING_JOINTS,
     CLOSURES,
+    DIRECTIVES,
     LOOP_FILE,
     LOOP_LIST,
     MJCF,
@@ -95,6 +96,14 @@ def test_words(tmp_path, name, rng):
         pytest.importorskip("pxr.Usd")
     path = tmp_path / name
     path.write_bytes((mutated_yaml if name.endswith(("body", "yaml")) else mutated_words)(WORDS[name], rng))
+    outcome(path)
+
+
+@fuzzed
+def test_directives(tmp_path, rng):
+    (tmp_path / "arm.sdf").write_text(SDF)
+    path = tmp_path / "scene.dmd.yaml"
+    path.write_bytes(mutated_words(DIRECTIVES, rng))
     outcome(path)
 
 

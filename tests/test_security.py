@@ -20,6 +20,7 @@ import pytest
 import pinconsist as pc
 from pinconsist.formats import loopfile
 
+LOADERS = ("_PlainLoader", "_AliasLoader", "_TagLoader", "yaml.SafeLoader")
 SOURCES = sorted(Path(pc.__file__).parent.rglob("*.py"))
 STL = (
     "solid s\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid s\n"
@@ -365,7 +366,7 @@ def test_no_code_is_made_of_data():
                 called
                 in ("eval", "exec", "compile", "__import__", "os.system", "os.popen", "marshal.loads", "shelve.open")
                 or re.fullmatch(r"(c?pickle|dill|cloudpickle|joblib)\.(load|loads|Unpickler)", called)
-                or (called == "yaml.load" and loader not in ("_PlainLoader", "_AliasLoader", "yaml.SafeLoader"))
+                or (called == "yaml.load" and loader not in LOADERS)
                 or (called in ("np.load", "numpy.load") and words.get("allow_pickle") != "False")
                 or words.get("shell") == "True"
                 or called.startswith(("urllib.request", "requests.", "httpx."))
@@ -374,6 +375,7 @@ def test_no_code_is_made_of_data():
     assert not bad
     assert issubclass(loopfile._PlainLoader, __import__("yaml").SafeLoader)
     assert issubclass(loopfile._AliasLoader, loopfile._PlainLoader)
+    assert issubclass(loopfile._TagLoader, loopfile._AliasLoader)
 
 
 def test_aliases_of_a_body_do_not_expand_to_gigabytes(tmp_path):

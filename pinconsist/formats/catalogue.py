@@ -150,7 +150,7 @@ def find(source: str | os.PathLike) -> Source:
         supported = (
             "URDF (.urdf, with a loop file .yaml next to it or passed as loops=), SDF (.sdf, .world), MJCF (.xml), "
             "xacro (.xacro), USD (.usd, .usda, .usdc, .usdz), Webots (.wbt, .proto), "
-            "Choreonoid (.body), OpenHRP (.wrl) and AMBF (.yaml)"
+            "Choreonoid (.body), OpenHRP (.wrl), AMBF (.yaml) and directives of Drake (.dmd.yaml)"
         )
         kind = path.suffix or "without suffix"
         supported += _OTHERS.get(kind.lower(), "")

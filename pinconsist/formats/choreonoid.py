@@ -319,7 +319,9 @@ def _inside(elements, place, element, radian, ignored, depth) -> pin.Inertia:
         raise FormatError(f"elements are nested more than {DEEPEST} deep", element=element)
     if isinstance(elements, dict):
         elements = [{"type": key} | (value if isinstance(value, dict) else {}) for key, value in elements.items()]
-    for each in elements or []:
+    if elements and not isinstance(elements, list):
+        raise FormatError(f"elements: {short_repr(elements)} is not a list of nodes", element=element)
+    for each in elements or ():
         if not isinstance(each, dict):
             raise FormatError(f"{short_repr(each)} is not an element", element=element)
         kind = str(each.get("type", ""))

@@ -34,6 +34,7 @@ _FLOATS = {  # files that define what floats
     "mjcf": "MJCF files, which define what floats: give the body a <freejoint/>",
     "usd": "USD files, which define what floats: a body without joints to the ground",
     "webots": "Webots files, which define what floats: a Robot with Physics",
+    "directives": "directives of Drake, which define what floats: models without add_weld",
     "ambf": "bodies of AMBF, which define what floats: those with a mass that no joint connects to one without",
     "choreonoid": "bodies of Choreonoid and OpenHRP, which define what floats: a root of type free",
 }
@@ -51,9 +52,9 @@ def load(
     source : str, path-like, pin.Model or RobotWrapper
         A name of :func:`models`, with a number for ``<n>``; or a file: URDF, SDF (``.sdf``, ``.world``), MJCF
         (``.xml``), xacro, USD, Webots (``.wbt``, ``.proto``), Choreonoid (``.body``), OpenHRP (``.wrl``), AMBF
-        (``.yaml``); or a folder that contains one ``.urdf``; or a model in memory; or a robot of the pip package
-        example-robot-data: ``"cassie"``, ``"cassie_v2"``, ``"cassie_reduced"``, ``"cassie_simple"``,
-        ``"cassie_wo_gearbox_spring"``.
+        (``.yaml``), directives of Drake (``.dmd.yaml``); or a folder that contains one ``.urdf``; or a model in memory;
+        or a robot of the pip package example-robot-data: ``"cassie"``, ``"cassie_v2"``, ``"cassie_reduced"``,
+        ``"cassie_simple"``, ``"cassie_wo_gearbox_spring"``.
     loops : path-like or sequence, optional
         The loop file. Default: ``<stem>.yaml`` or ``.yml`` beside the URDF, else ``robot.yaml`` or ``.yml`` there, else
         ``loop_closures.yaml`` or ``robot_data.yaml`` there or in the folder above ``urdf/``, else

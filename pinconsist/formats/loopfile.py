@@ -201,7 +201,8 @@ class _PlainLoader(yaml.SafeLoader):
 
     def construct_mapping(self, node, deep=False):
         seen = set()
-        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+        pairs = node.value if isinstance(node, yaml.MappingNode) else ()
+        for key in (key for key, _ in pairs if isinstance(key, yaml.ScalarNode)):
             if key.value in seen:
                 _refuse(f"the key {key.value!r} is given twice", key)
             seen.add(key.value)
@@ -228,9 +229,18 @@ class _AliasLoader(_PlainLoader):
         super().flatten_mapping(node)
 
 
-def parsed_yaml(content, aliases=False):
+class _TagLoader(_AliasLoader):
+    """With tags of mappings, such as ``!Rpy``, under the empty key."""
+
+
+_TagLoader.add_multi_constructor("!", lambda loader, tag, node: {**loader.construct_mapping(node, deep=True), "": tag})
+
+
+def parsed_yaml(content, aliases=False, tags=False):
     """The plain data of a YAML file; FormatError with the line."""
     try:
+        if tags:
+            return yaml.load(content, Loader=_TagLoader)
         if aliases:
             return yaml.load(content, Loader=_AliasLoader)
         return yaml.load(content, Loader=_PlainLoader)

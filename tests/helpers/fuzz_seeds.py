@@ -263,6 +263,13 @@ JOINT k: {name: k, parent: BODY a, child: BODY b, type: linear spring, parent ax
 JOINT tip: {name: tip, parent: BODY base, child: BODY b, type: p2p, parent pivot: {x: 1, y: 0, z: 1},
   child pivot: {x: 0, y: 0, z: 0}, detached: true}
 """
+DIRECTIVES = """directives:
+- add_model: {name: left, file: arm.sdf, default_joint_positions: {j: [0.3]}}
+- add_weld: {parent: world, child: "left::a", X_PC: {translation: [1, 0, 0], rotation: !Rpy {deg: [0, 0, 90]}}}
+- add_model: {name: right, file: arm.sdf, default_free_body_pose: {a: {translation: [0, 1, 0]}}}
+- add_frame: {name: mount, X_PF: {base_frame: "left::b", rotation: !AngleAxis {axis: [1, 0, 0], angle_deg: 30}}}
+- add_collision_filter_group: {name: g, members: ["left::a"]}
+"""
 WRL = """#VRML V2.0 utf8
 PROTO Joint [ exposedField SFVec3f translation 0 0 0 exposedField SFString jointType "" ] {
   Transform { translation IS translation } }

@@ -58,8 +58,11 @@ _SYSTEMS = ("Physics", "Sensors", "Contact")
 _log = logging.getLogger(__name__)
 
 
-def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), content=None) -> RobotFile:
-    """Read an SDF file. Links and `<frame>` elements become frames of the model; a free-flyer is ``root_joint``."""
+def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), content=None, floats=False) -> RobotFile:
+    """Read an SDF file. Links and `<frame>` elements become frames of the model; a free-flyer is ``root_joint``.
+
+    With `floats`, everything floats that no joint connects to the world.
+    """
     content = read_bytes(path) if content is None else content
     raw, ignored = parsed(content), Ignored()
     if raw.tag == "gazebo":  # SDF 1.0 to 1.2
@@ -74,10 +77,10 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), content
     joints = read_joints(document)
     robot = checked(in_urdf(document, folders), name)
     graph = JointGraph(document, joints)
-    floating = graph.roots if free_flyer else _floating(document, graph)
-    if floating and not free_flyer:
+    floating = graph.roots if free_flyer or floats else _floating(document, graph)
+    if floating and not (free_flyer or floats):
         warn(f"{path}: no joint connects {', '.join(map(repr, floating))} to the world: it floats")
-    elif len(graph.roots) > 1:
+    elif len(graph.roots) > 1 and not floats:
         warn(f"{path}: no joints connect {', '.join(map(repr, graph.roots))} to each other or to the world")
     if free_flyer and not graph.roots:
         raise FormatError("nothing can float: all links are connected to the world; omit free_flyer")

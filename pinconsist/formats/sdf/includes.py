@@ -1,5 +1,7 @@
 """``<include>`` in SDF: the models of other files, put where they are included.
 
+A ``<model>`` is put there as a model of its own, or with ``merge="true"`` its elements: then a frame
+``_merged__NAME__model__`` stands for that of the model. A URDF that is included becomes a model (:mod:`.of_urdf`).
 ``model://NAME`` is a folder NAME with a ``model.config``, or a ``model.sdf``, beside the file, in the folder above, in
 ``models/`` of one of these, or in ``package_dirs``; other URIs are paths from the folder of the file. Nothing is read
 from elsewhere. The models ``sun`` and ``ground_plane`` of Gazebo, which never move, need no files.
@@ -14,10 +16,14 @@ from ...errors import FormatError
 from ...mechanism.file_laws import FLOOR
 from ..ignored import Ignored
 from ..reading import located, parsed, read_bytes, short_repr
+from .of_urdf import VERSION as URDF_AS
+from .of_urdf import model_of
 
 VERSION = "included version"  # the attribute of an included model that has the version of its file
 MOST_FILES, DEEPEST = 200, 20
 _WITHOUT_BODIES = ("sun", "ground_plane", "ground plane", "asphalt_plane", "gas_station_floor")
+ABOVE = 4  # folders above a file that may be its package
+FRAMES = (1, 7)  # the version from which poses may be relative to named frames
 _OVERRIDES = ("static", "pose", "placement_frame")
 
 
@@ -41,7 +47,8 @@ class Includes:
                 model = self._included(child, file, depth)
                 node.remove(child)
                 if model is not None:
-                    node.insert(place, model)
+                    merged = child.get("merge", "false").strip() in ("true", "1")
+                    node[place:place] = merged_elements(model) if merged else [model]
 
     def _included(self, include, file, depth) -> Element | None:
         uri = (include.findtext("uri") or "").strip()
@@ -55,19 +62,20 @@ class Includes:
             self._ignored.add(FLOOR, last != "sun")
             return None
         with located(element=element):
-            if include.get("merge", "false").strip() in ("true", "1"):
-                raise FormatError(f"merge is not supported; write the model out, {_advice(uri)}")
-            source = self._find(uri, file)
+            source = self.find(uri, file)
             self._read += 1
             if self._read > MOST_FILES:
                 raise FormatError(f"more than {MOST_FILES} files are included")
             root = parsed(read_bytes(source))
-            models = root.findall("model")
+            if root.tag.rpartition("}")[2] == "robot":
+                models, version = [model_of(root, self._ignored)], URDF_AS
+            else:
+                models, version = root.findall("model"), root.get("version", "1.6")
             if len(models) != 1:
                 raise FormatError(f"{source.name} has {len(models)} models; one is needed")
             model = deepcopy(models[0])
             self.expand(model, source, depth + 1)
-        model.set(VERSION, root.get("version", "1.6"))
+        model.set(VERSION, version)
         if name:
             model.set("name", name)
         for tag in _OVERRIDES:
@@ -84,13 +92,15 @@ class Includes:
             model.append(plugin)
         return model
 
-    def _find(self, uri, file) -> Path:
+    def find(self, uri: str, file: Path) -> Path:
         """The file of a model; FormatError if it is not there, or outside of the folders."""
         scheme, mark, rest = uri.partition("://")
         scheme, rest = (scheme, rest) if mark else ("", uri)
         if scheme not in ("", "model", "file", "package"):
             raise FormatError(f"nothing is downloaded; put the model beside the file, {_advice(uri)}")
         starts = self._models if scheme in ("model", "package") else (file.parent, *self._models)
+        if scheme == "package":
+            starts = [*starts, *self._packages(rest)]
         outside = False
         for start in starts if rest else ():
             found = Path(os.path.normpath(start / rest))
@@ -106,6 +116,46 @@ class Includes:
                 f"it is outside the folder of the scene; pass its folder as package_dirs=, {_advice(uri)}"
             )
         raise FormatError(f"there is no such model beside the file; pass its folder as package_dirs=, {_advice(uri)}")
+
+    def _packages(self, rest) -> list[Path]:
+        """The folder of the package that holds the file, if a path begins with its name; its files may be read."""
+        here = self._roots[0]
+        found = [each.parent for each in (here, *list(here.parents)[:ABOVE]) if each.name == rest.partition("/")[0]]
+        self._roots += [start / rest.partition("/")[0] for start in found]
+        return found
+
+
+def merged_elements(model: Element) -> list[Element]:
+    """The elements of a model that is merged into the one that includes it; a frame stands for that of the model."""
+    name = f"_merged__{model.get('name')}__model__"
+    element = f"include {model.get('name', '')[:60]!r}"
+    if model.get("placement_frame"):
+        raise FormatError("a merged model cannot have a placement_frame; give its <pose>", element=element)
+    old = tuple(int(word) for word in model.get(VERSION, "").split(".") if word.isdigit()) < FRAMES
+    links = [each.get("name", "") for tag in ("link", "model") for each in model.findall(tag)]
+    if old or not links:
+        reason = "is of a version before 1.7" if old else "has no link"
+        raise FormatError(f"a model that {reason} cannot be merged; include it without merge=", element=element)
+    frame = Element("frame", name=name, attached_to=model.get("canonical_link") or links[0])
+    pose = model.find("pose")
+    place = SubElement(frame, "pose", {} if pose is None else pose.attrib)
+    place.text = "0 0 0 0 0 0" if pose is None else pose.text
+    if not place.get("relative_to"):
+        place.set("relative_to", "__model__")
+    parts = [each for each in model if each.tag not in ("pose", "static", "self_collide", "allow_auto_disable")]
+    for each in parts:
+        own = each.find("pose")
+        if each.tag in ("link", "model") or (each.tag == "frame" and not each.get("attached_to")):
+            own = SubElement(each, "pose") if own is None else own
+            if not own.get("relative_to"):
+                own.set("relative_to", name)
+        for inner in each.iter() if each.tag != "model" else ():
+            for key in ("relative_to", "expressed_in", "attached_to"):
+                if inner.get(key) == "__model__":
+                    inner.set(key, name)
+            if inner.tag in ("parent", "child") and (inner.text or "").strip() == "__model__":
+                inner.text = name
+    return [frame, *parts]
 
 
 def _advice(uri):
