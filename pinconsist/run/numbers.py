@@ -146,6 +146,8 @@ class Numbers:
             place = self._kept(
                 (label, end, i), lambda i=i, to=beside: self.native.add_place(i, end, frame.act(at) + to)
             )
+            if place < 0:
+                return None
             parts.append((place, beside))
 
         def put(values, value):
