@@ -7,7 +7,6 @@ turns +z to +x and +x to -z.
 
 import os
 import re
-from importlib.metadata import PackageNotFoundError, distribution
 from math import pi, sin
 from pathlib import Path
 from typing import NamedTuple
@@ -174,6 +173,8 @@ def _in_folder(folder: Path) -> Path:
 
 def robot_file(name: str) -> tuple[Path, Path]:
     """The file of a robot of `ROBOTS` and the folder of its meshes; MissingExtraError if they are not installed."""
+    from importlib.metadata import PackageNotFoundError, distribution  # rarely needed, and slow to import
+
     try:
         share = Path(str(distribution(_PACKAGE).locate_file(_SHARE)))
     except PackageNotFoundError:

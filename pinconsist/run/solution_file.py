@@ -2,8 +2,6 @@
 
 import json
 import platform
-import zipfile
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +45,8 @@ def write(solution, file) -> Path:
 
 def read(file) -> tuple[dict, Certificate | None]:
     """The fields of the solution in a file, and its certificate; FormatError for anything but a whole file."""
+    import zipfile
+
     try:
         with zipfile.ZipFile(file) as archive:  # if compressed, a few kB can expand to all of the memory
             if any(member.compress_type != zipfile.ZIP_STORED for member in archive.infolist()):
@@ -82,6 +82,8 @@ def read(file) -> tuple[dict, Certificate | None]:
 
 def versions() -> dict[str, str]:
     """Versions on which the last bit of a result may depend."""
+    from importlib.metadata import PackageNotFoundError, version  # rarely needed, and slow to import
+
     found = {"pinconsist": __version__, "python": platform.python_version(), "machine": platform.machine()}
     for package in ("pin", "numpy", "scipy"):
         try:
