@@ -644,14 +644,13 @@ def test_cassie_floats_and_falls():
 
 
 def test_robots_that_are_not_installed_name_their_package(monkeypatch, tmp_path):
+    import importlib.metadata
     from importlib.metadata import PackageNotFoundError
-
-    from pinconsist.formats import catalogue
 
     def missing(name):
         raise PackageNotFoundError(name)
 
-    monkeypatch.setattr(catalogue, "distribution", missing)
+    monkeypatch.setattr(importlib.metadata, "distribution", missing)
     with pytest.raises(pc.MissingExtraError, match=r"example-robot-data.*pip install 'pinconsist\[robots\]'"):
         pc.load("cassie")
 
@@ -659,6 +658,6 @@ def test_robots_that_are_not_installed_name_their_package(monkeypatch, tmp_path)
         def locate_file(self, path):
             return tmp_path / path
 
-    monkeypatch.setattr(catalogue, "distribution", lambda name: Empty())
+    monkeypatch.setattr(importlib.metadata, "distribution", lambda name: Empty())
     with pytest.raises(pc.MissingExtraError, match="does not contain"):
         pc.load(next(iter(ROBOTS)))

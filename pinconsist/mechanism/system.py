@@ -4,7 +4,7 @@ The system integrates the *kept* rows of the loops. Rows that are identically ze
 that the KKT matrix is regular; :meth:`full_multipliers` restores the multipliers of all rows, at minimum norm.
 """
 
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import pinocchio as pin
@@ -199,11 +199,12 @@ class MechanismSystem(Index3System):
 
     def differentiate_forces(self) -> None:
         """Complete the derivatives of user-defined forces by differences, as derivatives of runs need them all."""
+        moves = partial(integrate, self.model)  # not a method: forces do not hold their system
         for label, force in self.forces.items():
             if isinstance(force, BoundLaw | UserForce):
-                self.forces[label] = Differentiated(force, self.integrate)
+                self.forces[label] = Differentiated(force, moves)
             elif isinstance(force, BoundPiecewise):
-                force.differentiate(self.integrate)
+                force.differentiate(moves)
         vars(self).pop("compiled", None)
 
     def sharp_force(self, t, p, v):
