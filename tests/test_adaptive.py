@@ -296,7 +296,7 @@ def test_multipliers_have_no_spikes(name, tol):
     sol = run(name, tol)
     q, _, lam = tight(name)(sol.t)
     error = np.abs(joint_forces(sol, sol.q, sol.lam) - joint_forces(sol, q, lam)).max(axis=1)
-    assert (np.diff(sol.h) != 0).sum() > 10  # there was something to see
+    assert (np.diff(sol.h) != 0).sum() > 5  # there was something to see; the heavy top has 8 to 13, by rounding
     assert spikiness(error[6:]).max() < 20  # after the six rows of the start, which are better than the method
 
 
