@@ -82,7 +82,7 @@ class ImpactErrors:
 
     @property
     def concerns(self) -> dict[str, str]:
-        """Concerns: short form → sentence."""
+        """The short form of each concern, with its sentence."""
         found, parts = {}, []
         if self.missed:
             parts.append(f"the run misses impacts of a finer run: {listed(list(map(str, self.missed)))}")
