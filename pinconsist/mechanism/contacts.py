@@ -406,6 +406,14 @@ class Element(ABC):
     def add(self, compiled, rows=None, at=None) -> None:
         """Add all its rows to a compiled system, or those with these indices; tangential ones from `at` on, (k,)."""
 
+    def force(self, lam, x1, x2, turn1):
+        """The force on body 2, (n, 3), in world axes; `turn1` are the axes of joint 1, (n, 3, 3)."""
+        return np.zeros((len(lam), 3))
+
+    def moment(self, lam, turn1):
+        """The moment on body 2, (n, 3), in world axes."""
+        return np.zeros((len(lam), 3))
+
 
 class Hinge(NamedTuple):
     """The multipliers of a loop of kind hinge in a system with nv velocities: their places, and R = U λ."""
@@ -498,7 +506,6 @@ class PinElement(Element):
         compiled.add_turning_pin(*self.ends, list(hinge.places), hinge.U, self.kinetic * sense)
 
     def moment(self, lam, turn1):
-        """The moment on body 2, (n, 3), in world axes; `turn1` are the axes of joint 1, (n, 3, 3)."""
         return lam * (turn1 @ self.ends[1][:3, 2])
 
 
@@ -515,7 +522,6 @@ class DistanceElement(Element):
         add(*self.ends, self.record.length)
 
     def force(self, lam, x1, x2, turn1):
-        """The force on body 2, (n, 3), in world axes."""
         return self.sign * lam * (x2 - x1) / self.record.length
 
 
@@ -553,7 +559,6 @@ class PlaneElement(Element):
         return self.joint1, self.place1, self.joint2, self.place2
 
     def force(self, lam, x1, x2, turn1):
-        """The force on body 2, (n, 3), in world axes; `turn1` are the axes of joint 1, (n, 3, 3)."""
         return np.einsum("nij,nj->ni", turn1 @ self.place1[:3, :3], lam @ self.matrix)
 
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from ..engine.complementarity import contact_laws
-from ..engine.systems import blank_system
 from .system import MechanismSystem
 
 OPEN, CLOSED, STICK, SLIP = "open", "closed", "stick", "slip"
@@ -178,19 +176,12 @@ class ModeSystem(MechanismSystem):
         for position, loops, forces in states:
             if laws.obey(forces):
                 continue
-            R, J = self.every.rows(position)[1], self._loops.rows(position)[1]
+            R, J = self.every.rows(position)[1], self.base.compiled.rows(position)[1]
             carried = np.linalg.qr(J.T)[0]
             shares = laws.shared(R - (R @ carried) @ carried.T, forces)
             if len(J):
                 loops += np.linalg.lstsq(J.T, (forces - shares) @ R, rcond=None)[0]
             forces[:] = shares
-
-    @cached_property
-    def _loops(self):
-        """The compiled rows of the loops that are kept."""
-        compiled = blank_system(self.model, self.base.workspace)
-        self.base.kept_rows.hand_over(compiled)
-        return compiled
 
     def laws(self):
         """The laws of the elements, in the engine: what rests or sticks shares forces, what slides keeps its own.

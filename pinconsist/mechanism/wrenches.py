@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from .contacts import PinElement
 from .forces import bound_forces
 from .loops import Loop
 from .rows import KeptRows, LoopRows
@@ -111,18 +110,13 @@ class Transmission:
         loads, first = [], 0
         for element in mechanism.contact_elements:
             own, first = lam[:, first : first + element.size], first + element.size
-            if isinstance(element, PinElement):
+            if not element.of_joint:
                 joint1, place1, joint2, place2 = element.ends
-                moment = element.moment(own, self.turns[:, joint1])
-                none = np.zeros_like(moment)
-                loads += [Load("", joint2, self._at(joint2, place2), none, moment)]
-                loads += [Load("", joint1, self._at(joint1, place1), none, -moment)]
-            elif not element.of_joint:
-                joint1, place1, joint2, place2 = element.ends
-                x1, x2 = (self._at(*end) for end in ((joint1, place1), (joint2, place2)))
+                x1, x2 = self._at(joint1, place1), self._at(joint2, place2)
                 force = element.force(own, x1, x2, self.turns[:, joint1])
-                none = np.zeros_like(force)
-                loads += [Load("", joint2, x2, force, none), Load("", joint1, x2, -force, none)]
+                moment = element.moment(own, self.turns[:, joint1])
+                loads.append(Load("", joint2, x2, force, moment))
+                loads.append(Load("", joint1, x2, -force, -moment))
         return loads
 
     def _at(self, joint, place):

@@ -547,20 +547,24 @@ class _Accelerations:
 
         The loads of pins, which limit their friction, depend on the solution.
         """
-        hinges = {i: hinge for i, hinge in self._modes.hinges.items() if self._modes.elements[i].of_loop}
+        pins = [i for i in self._modes.hinges if self._modes.elements[i].of_loop]
         self.loads = dict.fromkeys(self._modes.hinges, 1.0)
-        if hinges:
-            lam = self._state.multipliers(np.zeros(len(self._state.R)))
-            self.loads |= {i: float(hinge.load(lam)) for i, hinge in hinges.items()}
+        if not pins:
+            return self._solved(kinetic)
+        loads = self._loads_of(pins, np.zeros(len(self._state.R)))
         for _ in range(LOADS):
+            self.loads |= dict(zip(pins, loads.tolist(), strict=True))
             found = self._solved(kinetic)
-            before = np.array([self.loads[i] for i in hinges])
-            lam = self._state.multipliers(self._forces(found[0]))
-            self.loads |= {i: float(hinge.load(lam)) for i, hinge in hinges.items()}
-            after = np.array([self.loads[i] for i in hinges])
-            if largest(after - before) <= LOADED * largest(after):
+            before, loads = loads, self._loads_of(pins, self._forces(found[0]))
+            if largest(loads - before) <= LOADED * largest(loads):
                 break
+        self.loads |= dict(zip(pins, loads.tolist(), strict=True))
         return found
+
+    def _loads_of(self, pins, forces) -> np.ndarray:
+        """The loads of pins under the forces of all rows."""
+        lam = self._state.multipliers(forces)
+        return np.array([float(self._modes.hinges[i].load(lam)) for i in pins])
 
     def _forces(self, z):
         """The forces of all rows."""
