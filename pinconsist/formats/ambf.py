@@ -134,11 +134,12 @@ class _Ambf(Scene):
         place, mass = _place(entry.get("location"), f"{element}: location"), _number(entry, "mass", element, 0.0)
         if mass < 0.0:
             raise FormatError(f"the mass is negative: {mass:g} kg", element=element)
-        scale = entry.get("scale", 1.0)
-        self._places[key] = name, _number(entry, "scale", element, 1.0) if finite(scale) is not None else 1.0
+        scale = finite(entry.get("scale", 1.0))
+        scale = 1.0 if scale is None else scale
+        self._places[key] = name, scale
         static = not mass or entry.get("static") is True or entry.get("kinematic") is True
         self.bodies[name] = Body(place, static)
-        self.inertias[name] = self._inertia(entry, name, mass, element)
+        self.inertias[name] = self._inertia(entry, name, mass, scale, element)
         if entry.get("gravity") is not None:
             self.pulled[name] = np.array(_three(entry, "gravity", element))
         shape = any(entry.get(each) for each in ("mesh", "collision shape", "geometry", "compound collision shape"))
@@ -147,7 +148,7 @@ class _Ambf(Scene):
         drag = damping.values() if isinstance(damping, dict) else ()
         self.ignored.add("body damping", not static and any(finite(each) for each in drag))
 
-    def _inertia(self, entry, name, mass, element) -> pin.Inertia:
+    def _inertia(self, entry, name, mass, scale, element) -> pin.Inertia:
         """The inertia of a body in its frame."""
         place = _place(entry.get("inertial offset"), f"{element}: inertial offset")
         given = entry.get("inertia")
@@ -156,7 +157,7 @@ class _Ambf(Scene):
         if isinstance(given, dict):
             made.inertia = np.diag([_number(given, key, f"{element}: inertia") for key in ("ix", "iy", "iz")])
             return place.act(made)
-        size = self._size(entry, name)
+        size = self._size(entry, name, scale)
         if size is not None and mass:
             middle, edges = size
             made.inertia = np.array(solids.scaled(solids.box(*edges), mass / np.prod(edges)).inertia)
@@ -166,9 +167,8 @@ class _Ambf(Scene):
             warn(f"{element}: it has neither an inertia nor a shape that can be read, and is a point of {mass:g} kg")
         return place.act(made)
 
-    def _size(self, entry, name) -> tuple[np.ndarray, np.ndarray] | None:
+    def _size(self, entry, name, scale) -> tuple[np.ndarray, np.ndarray] | None:
         """Centre and edges of the box around the shape of a body."""
-        scale = _number(entry, "scale", name, 1.0) if finite(entry.get("scale", 1.0)) is not None else 1.0
         box = _box_of_shape(entry)
         if box is not None:
             self._shapes.append((name, box))

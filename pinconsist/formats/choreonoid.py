@@ -26,7 +26,7 @@ from .graph import WORLD, Axis, Body, Joint, JointGraph, Scene, build
 from .ignored import Ignored
 from .loopfile import parsed_yaml
 from .plausible import moving_inertias, warn_of_inertias
-from .reading import RobotFile, finite, near, read_bytes, require_known, short_repr
+from .reading import RobotFile, finite, finite_numbers, near, read_bytes, require_known, short_repr
 from .urdf import fixed_links
 from .webots import Vrml, parse
 
@@ -224,10 +224,7 @@ def _numbers(given, key, count, element, default=None) -> np.ndarray:
     value = given.get(key, default)
     if value is None:
         raise FormatError(f"{key} is missing", element=element)
-    found = [finite(each) for each in _flat(value)]
-    if len(found) != count or None in found:
-        raise FormatError(f"{key}: {short_repr(value)} is not {count} finite numbers", element=element)
-    return np.array(found)
+    return np.array(finite_numbers(_flat(value), count, value, element, f"{key}: "))
 
 
 def _axis(given, element) -> np.ndarray:

@@ -20,7 +20,7 @@ from ..errors import FormatError
 from . import sdf
 from .ignored import Ignored
 from .loopfile import parsed_yaml
-from .reading import RobotFile, finite, located, parsed, read_bytes, require_known, short_repr, text
+from .reading import RobotFile, finite, finite_numbers, located, parsed, read_bytes, require_known, short_repr, text
 from .sdf.includes import Includes
 
 DEEPEST = 20
@@ -193,9 +193,5 @@ def _pose(given: Any, element) -> str:
     return text(*xyz, *pin.rpy.matrixToRpy(rotation))
 
 
-def _numbers(given, count, element) -> list[float]:
-    read = [finite(each) for each in given] if isinstance(given, list) else []
-    values = [each for each in read if each is not None]
-    if len(values) != count or len(read) != count:
-        raise FormatError(f"{short_repr(given)} is not {count} finite numbers", element=element)
-    return values
+def _numbers(given, count, element) -> tuple[float, ...]:
+    return finite_numbers(given if isinstance(given, list) else [], count, given, element)

@@ -153,6 +153,14 @@ def floats(text: str, count: int, element: str, label: str = "", largest: float 
     return values
 
 
+def finite_numbers(values: list, count: int, given: object, element: str, label: str = "") -> tuple[float, ...]:
+    """The `count` finite numbers in a list, or a FormatError with what is `given` whose message starts with `label`."""
+    found = tuple(number for value in values if (number := finite(value)) is not None)
+    if not len(found) == len(values) == count:
+        raise FormatError(f"{label}{short_repr(given)} is not {count} finite numbers", element=element)
+    return found
+
+
 _DECLARATION = re.compile(rb"<\?xml\s.*?\?>", re.DOTALL)
 
 

@@ -34,7 +34,7 @@ from .extensions import unique
 from .graph import WORLD, Axis, Body, Joint, JointGraph, Scene, build
 from .ignored import Ignored
 from .plausible import moving_inertias, warn_of_inertias
-from .reading import RobotFile, finite, read_bytes, short_repr, text
+from .reading import RobotFile, finite, finite_numbers, read_bytes, short_repr, text
 from .urdf import add_visual, fixed_links
 from .webots_proto import CONVERT, Is, Proto, Protos, Scope, name_of
 
@@ -113,12 +113,8 @@ class Vrml(dict):
         given = self.get(field, None)
         if given is None:
             return np.array(default, float)
-        values = [finite(each) for each in (given if isinstance(given, list) else [given])]
-        if len(values) != len(default) or None in values:
-            raise FormatError(
-                f"{short_repr(given)} is not {len(default)} finite numbers", element=f"{self.type}: {field}"
-            )
-        return np.array(values)
+        values = given if isinstance(given, list) else [given]
+        return np.array(finite_numbers(values, len(default), given, f"{self.type}: {field}"))
 
     def number(self, field, default=0.0) -> float:
         return float(self.numbers(field, (default,))[0])

@@ -16,11 +16,10 @@ from ...errors import FormatError, warn
 from ...mechanism.loops import unit
 from ..plausible import warn_of_degrees
 from ..reading import Node, floats, near, require_known, short_repr
-from .includes import VERSION
+from .includes import FRAMES, VERSION, numbers_of
 
 WORLD = "world"
 OLDEST = (1, 2)  # 1.2 and 1.3 have the same poses, axes and inertias as 1.4
-FRAMES = (1, 7)  # the version from which names are unique and axes may be expressed in named frames
 DEEPEST = 30
 GRAVITY = (0.0, 0.0, -9.8)  # of a world without <gravity>, m/s²
 INFINITE = 1e16  # limits from this size on are infinite, as in libsdformat
@@ -176,7 +175,7 @@ class Document:
             raise node.error(f"models are nested more than {DEEPEST} deep")
         self.models[full] = node
         if node.get(VERSION):
-            self._versions[full] = tuple(int(word) for word in node.get(VERSION).split(".") if word.isdigit())
+            self._versions[full] = numbers_of(node.get(VERSION))
         node.warn_unknown(_MODEL)
         static = static or node.flag("static")
         inner = [each.get("name") for tag in ("link", "model") for each in node.children(tag)]

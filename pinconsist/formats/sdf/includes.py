@@ -23,8 +23,13 @@ VERSION = "included version"  # the attribute of an included model that has the 
 MOST_FILES, DEEPEST = 200, 20
 _WITHOUT_BODIES = ("sun", "ground_plane", "ground plane", "asphalt_plane", "gas_station_floor")
 ABOVE = 4  # folders above a file that may be its package
-FRAMES = (1, 7)  # the version from which poses may be relative to named frames
+FRAMES = (1, 7)  # the version from which names are unique, and poses and axes may be relative to named frames
 _OVERRIDES = ("static", "pose", "placement_frame")
+
+
+def numbers_of(version: str) -> tuple[int, ...]:
+    """The numbers of a version of a file that is included."""
+    return tuple(int(word) for word in version.split(".") if word.isdigit())
 
 
 class Includes:
@@ -131,7 +136,7 @@ def merged_elements(model: Element) -> list[Element]:
     element = f"include {model.get('name', '')[:60]!r}"
     if model.get("placement_frame"):
         raise FormatError("a merged model cannot have a placement_frame; give its <pose>", element=element)
-    old = tuple(int(word) for word in model.get(VERSION, "").split(".") if word.isdigit()) < FRAMES
+    old = numbers_of(model.get(VERSION, "")) < FRAMES
     links = [each.get("name", "") for tag in ("link", "model") for each in model.findall(tag)]
     if old or not links:
         reason = "is of a version before 1.7" if old else "has no link"
