@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 import time
-from pathlib import Path
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -13,17 +11,7 @@ import pinconsist as pc
 from pinconsist.cli import output
 
 from . import report
-
-EXAMPLES = Path(__file__).parents[1] / "examples"
-
-
-def example(name):
-    """The module of an example."""
-    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+from .example import example
 
 
 def anchors():

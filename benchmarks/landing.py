@@ -7,12 +7,10 @@ its servos are actuators, so that whole parts of the motion are one call.
 
 from __future__ import annotations
 
-import importlib.util
 import time
 from dataclasses import asdict, dataclass
 from functools import cache
 from itertools import pairwise, product
-from pathlib import Path
 
 import numpy as np
 
@@ -20,8 +18,8 @@ import pinconsist as pc
 from pinconsist.cli import output
 
 from . import report
+from .example import example
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "31_standing_leg.py"
 UNTIL, PUSH = 2.0, (1.0, 1.2)  # s
 PUSHES = 12.0, 45.0  # N
 TIMES = np.linspace(0.0, UNTIL, 201)[1:]
@@ -55,16 +53,13 @@ class Row:
 
 
 @cache
-def example():
-    spec = importlib.util.spec_from_file_location("standing_leg", EXAMPLE)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def standing_leg():
+    return example("31_standing_leg")
 
 
 def scene(push) -> pc.Mechanism:
     """The leg with a push of this size."""
-    mech = example().scene()
+    mech = standing_leg().scene()
     servos = [force for force in mech.forces if isinstance(force, pc.Servo)]
     law = {"x": lambda t: push if PUSH[0] <= t < PUSH[1] else 0.0}
     return mech.with_forces(*servos, *([pc.Piecewise(law, PUSH)] if push else []))
@@ -116,7 +111,8 @@ def stepped(push, period) -> Motion:
 
 def mjcf(step, integrator, soft) -> str:
     """The leg as MuJoCo's XML; its joints are those of the example, in the same order."""
-    leg, mech = example(), example().scene()
+    leg = standing_leg()
+    mech = leg.scene()
     knee = dict(zip(mech.joints, pc.assemble(mech).q, strict=True))
     stiff = f'solref="{soft * step!r} 1" solimp="0.9999 0.9999 0.001 0.5 2"'
 

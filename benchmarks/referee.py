@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import asdict, dataclass
-from importlib.util import module_from_spec, spec_from_file_location
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -16,6 +14,7 @@ from pinconsist.cli import output
 from pinconsist.cli.scene import option
 
 from . import report
+from .example import example
 
 FIVE_BAR = {
     "left_crank": pc.Motion(start=-2.2, amplitude=0.4, frequency=1.5),
@@ -68,11 +67,7 @@ def scene_of(name):
 
 def gripper():
     """That of the examples: two parallelograms, coupled by gears."""
-    file = Path(__file__).parents[1] / "examples" / "11_gripper.py"
-    spec = spec_from_file_location("gripper", file)
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    mech, _ = module.run()
+    mech, _ = example("11_gripper").run()
     return mech.with_loops(*(loop for loop in mech.loops if loop.name != "ball"))
 
 

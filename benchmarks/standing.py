@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict, dataclass
-from pathlib import Path
-from runpy import run_path
 
 import numpy as np
 import pinocchio as pin
@@ -14,10 +12,10 @@ import pinconsist as pc
 from pinconsist.cli import output
 
 from . import report
+from .example import example
 from .linkages import GRAVITY, add_body, add_frame, at
 from .referee import gripper
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
 SAMPLE, STEPS, ROUNDS = 1e-3, 40, 5  # s; steps of a round; rounds
 LIFTED = 0.5  # m, of a body in the air, further than it falls in these steps
 TABLE = [(x, y) for x in (0.3, -0.3) for y in (0.25, -0.25)]
@@ -93,7 +91,7 @@ def scenes():
         lifted = q.copy()
         lifted[mech.columns(joint).start + (2 if joint == "table" else 0)] += LIFTED
         yield name, mech, (q, None), (lifted, None)
-    leg = run_path(str(EXAMPLES / "31_standing_leg.py"))["scene"]()
+    leg = example("31_standing_leg").scene()
     stands = pc.simulate(leg, (0.0, 0.9))
     lifted = stands.q[-1].copy()
     lifted[leg.columns("z").start] += LIFTED
