@@ -93,8 +93,8 @@ CONSTANT(STIFF_PART, 0.3); // a force is stiff if its effect on a velocity excee
 CONSTANT(UNSEEN, 20.0); // factor of the impulse of sharp forces that the stages miss: two formulas may miss much of it alike
 CONSTANT(BETWEEN, 3.0); // error between the ends of a step, in tolerances, from which rows there are interpolated in its halves
 CONSTANT(NEXT_MODE, 0.02); // part of BETWEEN that the next mode must reach, for the error to be measured
-constexpr int REACTIONS = 8;     // times that the direction of forces is corrected which depends on the multipliers
-constexpr double REACTED = 4e-16; // relative change of G that is rounding
+CONSTANT(REACTIONS, 8); // times that the direction of forces is corrected which depends on the multipliers
+CONSTANT(REACTED, 4e-16); // relative change of G that is rounding
 CONSTANT(LOOKS, 12); // number of times in a step at which events are evaluated
 CONSTANT(LOOKS_OF_BDF, 4); // the same of BDF, whose steps are shorter
 CONSTANT(SHORTER, 0.25); // factor by which the time after an event is shortened until its function has left zero

@@ -287,10 +287,8 @@ def _driven(solver, held, q) -> set[str]:
     for row in solver.loop_rows.closures:
         if row.loop.kind == "drive" and row.loop.joint in held:
             found.add(row.loop.joint)
-            gap, (value,) = (
-                solver.rows(q)[0][solver.loop_rows.slices[row.loop.name].start],
-                coordinates(solver.model, row.loop.joint, q),
-            )
+            (value,) = coordinates(solver.model, row.loop.joint, q)
+            (gap,) = solver.rows(q)[0][solver.loop_rows.slices[row.loop.name]]
             if abs(gap) > DRIVEN:
                 raise AssemblyError(
                     f"{solver.mechanism.name}: joint {row.loop.joint!r} cannot start at {value:.6g}: drive "

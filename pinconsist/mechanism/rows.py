@@ -79,7 +79,7 @@ class LoopRows:
         self.moving = any(closure.moving for closure in self.closures)
         # Without functions of the user's, which may change.
         self.pure = all(isinstance(loop, Loop | Coupling) for loop in self.loops)
-        self._evaluated: dict[tuple, list] = {}  # the last place → Φ and J; the start of a run is evaluated many times
+        self._evaluated: dict[tuple, tuple] = {}  # the last place → Φ and J; the start of a run is evaluated many times
         self.near: dict[tuple, list] = {}  # loop and some of its rows → what KeptRows makes of them
         self.vanishing: dict[tuple, bool] = {}  # indices of rows → whether they vanish everywhere
         self.closed: dict[tuple, tuple] = {}  # the last result of LoopSolver.close
@@ -170,7 +170,7 @@ class LoopRows:
         """Φ and J at `q`, (nc,) and (nc, nv): new arrays."""
         if (known := self._evaluated.get(place := (t, q.tobytes()))) is None:
             self._evaluated.clear()
-            known = self._evaluated[place] = [np.array(each) for each in self._at(q, t)]
+            known = self._evaluated[place] = self._at(q, t)
         return known[0].copy(), known[1].copy()
 
     def _at(self, q, t):
@@ -186,7 +186,7 @@ class LoopRows:
 
     def acceleration_bias(self, t: float, q, v) -> np.ndarray:
         """J̇ v and the terms from Φ's dependence on time, shape (nc,), for closed loops."""
-        return np.array(self.compiled.dynamics(t, q, v)[3])
+        return self.compiled.dynamics(t, q, v)[3]
 
 
 def add_rows(compiled, closure, local=None) -> None:

@@ -99,9 +99,8 @@ class Simulations:
     def state(self) -> States:
         """The states that were reached."""
         if self._together is None:
-            return States(
-                *(np.array(column) for column in zip(*(self._alone[i].state for i in range(self._n)), strict=True))
-            )
+            states = [self._alone[i].state for i in range(self._n)]
+            return States(*(np.array(column) for column in zip(*states, strict=True)))
         found = States(*self._together.states)
         for i, sim in self._alone.items():
             found.t[i], found.q[i], found.v[i] = sim.state
@@ -147,9 +146,8 @@ class Simulations:
             self._hold(control)
         going = np.flatnonzero(~self.failed).tolist()
         if self._together is not None:
-            for i, message in self._together.advance(
-                [i for i in going if i not in self._alone], self._held, dt
-            ).items():
+            together = [i for i in going if i not in self._alone]
+            for i, message in self._together.advance(together, self._held, dt).items():
                 self._fail(i, message)
         for i in going:
             if i in self._alone:

@@ -128,10 +128,6 @@ class Stepper(ABC):
         """The run in C++; None if it calls functions of the user's."""
         return None if self._compiled.calls_python else self._core
 
-    def multipliers(self) -> np.ndarray:
-        """The multipliers at the state reached, as the user sees them."""
-        return self.full_multipliers(self.p, self.lam, self.v)
-
     def off(self, t, p, v) -> float:
         """How far a state is from the constraints, m, rad and their rates."""
         _, phi, _, rho = self._compiled.evaluate(t, p, v, v)
