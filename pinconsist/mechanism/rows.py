@@ -100,13 +100,17 @@ class LoopRows:
             rows.breakpoints = Breakpoints()
             rows.breakpoints.add(rows.closures)
         if not built.pure:
-            rows._evaluated, rows._compiled = {}, []
+            rows._evaluated = {}
+            rows._compiled = []
         return rows
 
     def _with(self, loops, others) -> LoopRows:
         """The same rows for `loops`, of which some (their indices) have other numbers."""
         rows = copy(self)
-        rows.assemblies, rows.regular, rows.levers = {}, set(), []  # these depend on inertias
+        # These depend on inertias.
+        rows.assemblies = {}
+        rows.regular = set()
+        rows.levers = []
         if others:
             rows.loops, rows.closures = loops, list(self.closures)
             for i in others:
@@ -168,10 +172,14 @@ class LoopRows:
 
     def at(self, q, t: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Φ and J at `q`, (nc,) and (nc, nv): new arrays."""
-        if (known := self._evaluated.get(place := (t, q.tobytes()))) is None:
+        place = t, q.tobytes()
+        known = self._evaluated.get(place)  # by one look: other threads may replace it
+        if known is None:
+            known = self._at(q, t)
             self._evaluated.clear()
-            known = self._evaluated[place] = self._at(q, t)
-        return known[0].copy(), known[1].copy()
+            self._evaluated[place] = known
+        phi, J = known
+        return phi.copy(), J.copy()
 
     def _at(self, q, t):
         return self.compiled.rows(q, t)
@@ -207,15 +215,19 @@ class KeptRows:
     """
 
     def __init__(self, rows: LoopRows, kept):
-        self._closures, kept = [], [int(row) for row in kept]
+        self._closures = []
+        kept = [int(row) for row in kept]
         for closure in rows.closures:
             start = rows.slices[closure.loop.name].start
-            if local := [row - start for row in kept if 0 <= row - start < len(closure.turns)]:
-                if (parts := rows.near.get(key := (closure.loop.name, *local))) is None:
-                    anchored = isinstance(closure, AnchoredRows) and isinstance(closure.place, Place)
-                    near = near_closed(closure, local) if anchored else []
-                    parts = rows.near[key] = [(matrix, closure.ends(shift)) for shift, matrix in near]
-                self._closures.append((closure, local, parts))
+            local = [row - start for row in kept if 0 <= row - start < len(closure.turns)]
+            if not local:
+                continue
+            key = closure.loop.name, *local
+            if key not in rows.near:
+                anchored = isinstance(closure, AnchoredRows) and isinstance(closure.place, Place)
+                near = near_closed(closure, local) if anchored else []
+                rows.near[key] = [(matrix, closure.ends(shift)) for shift, matrix in near]
+            self._closures.append((closure, local, rows.near[key]))
         self.difference_step = min((closure.difference_step for closure, _, _ in self._closures), default=np.inf)
 
     def hand_over(self, compiled) -> dict[str, list]:

@@ -130,7 +130,11 @@ def self_stress(rows, workspace, t, q) -> SelfStress | None:
 
 def wrenches_of(rows, workspace, t, q, multipliers) -> tuple[dict, dict, dict]:
     """What columns of multipliers exert on each loop and, in equilibrium, on each joint: see :class:`SelfStress`."""
-    model, data, members, poses, bodies = rows.model, workspace.data, {}, {}, {}
+    model = rows.model
+    data = workspace.data
+    members: dict[Member, np.ndarray] = {}
+    poses: dict[Member, pin.SE3] = {}
+    bodies: dict[Member, tuple[int, int]] = {}
     pin.forwardKinematics(model, data, q)
     on_bodies = np.zeros((model.njoints, 2, 3, multipliers.shape[1]))  # about the origin
     for closure in rows.closures:

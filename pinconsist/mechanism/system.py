@@ -174,9 +174,11 @@ class MechanismSystem(Index3System):
 
     def force_gradient(self, t, p, v, lam):
         """∂(Jᵀλ)/∂q, shape (nv, nv); by forward differences where rows are user-defined."""
-        if (known := self.compiled.row_gradients(t, p, v, lam)) is not None:
+        known = self.compiled.row_gradients(t, p, v, lam)
+        if known is not None:
             return known[0]
-        at, step = self.compiled.rows(p, t)[1].T @ lam, 1e-7
+        step = 1e-7
+        at = self.compiled.rows(p, t)[1].T @ lam
         near = [self.compiled.rows(self.integrate(p, step * e), t)[1].T @ lam for e in np.eye(self.nv)]
         return np.column_stack([(each - at) / step for each in near])
 
