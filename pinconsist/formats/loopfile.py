@@ -239,7 +239,11 @@ _TagLoader.add_multi_constructor("!", lambda loader, tag, node: {**loader.constr
 def parsed_yaml(content, aliases=False, tags=False):
     """The plain data of a YAML file; FormatError with the line."""
     try:
-        return yaml.load(content, Loader=_TagLoader if tags else _AliasLoader if aliases else _PlainLoader)
+        if tags:
+            return yaml.load(content, Loader=_TagLoader)
+        if aliases:
+            return yaml.load(content, Loader=_AliasLoader)
+        return yaml.load(content, Loader=_PlainLoader)
     except yaml.MarkedYAMLError as error:
         line = f"line {error.problem_mark.line + 1}" if error.problem_mark else ""
         raise FormatError(f"not usable YAML: {error.problem}", element=line) from error
