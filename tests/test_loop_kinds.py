@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 
 import pinconsist as pc
 from pinconsist.engine.systems import blank_system
+from pinconsist.mechanism.loops import LOOP_KINDS
 from pinconsist.mechanism.rows import KeptRows, LoopRows
 
 TIGHT = {"rtol": 1e-9, "atol": 1e-9}
@@ -94,6 +95,21 @@ def test_closes_from_far_away_and_never_upside_down(kind):
         off = {"slider": np.cross(E, gap.translation), "cylinder": np.cross(E, gap.translation)}
         off |= {"plane": E @ gap.translation, "universal": gap.translation}
         assert np.abs(off[kind]).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    "kind", [each for each in LOOP_KINDS.values() if each.free is not None], ids=lambda kind: kind.name
+)
+def test_motions_that_a_kind_leaves_free_keep_it_closed(kind):
+    """One at a time, and all others open it."""
+    axes = {"axis": (2.0, 0.0, 0.0), "axis2": (0.0, 3.0, 0.0)}
+    loop = pc.Loop("held", kind.name, "universe", "end", **{field: axes[field] for field in kind.fields})
+    model = rotor("hinge", E).model
+    assert len(kind.rows) + len(kind.free) == 6
+    for k, direction in enumerate(("transX", "transY", "transZ", "rotX", "rotY", "rotZ")):
+        motion = pin.exp6(pin.Motion(0.3 * (np.arange(6) == k)))
+        phi = LoopRows(model, [loop]).at(pin.SE3ToXYZQUAT(motion))[0]
+        assert (np.abs(phi).max() < 1e-14) == (direction in kind.free), direction
 
 
 def two_bodies(gap):

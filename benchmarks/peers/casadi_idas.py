@@ -12,7 +12,7 @@ from pinconsist.analysis.motor_code import motions
 from pinconsist.mechanism.checks import spread
 from pinconsist.mechanism.forces import JointDamping, JointFriction, model_forces
 from pinconsist.mechanism.forces.force import label_of
-from pinconsist.mechanism.loops import Length, Turn
+from pinconsist.mechanism.loops import Length, RotationVector
 from pinconsist.mechanism.rows import LoopRows
 from pinconsist.paper.index1 import acceleration
 
@@ -157,10 +157,10 @@ class Symbols:
             raise InputError(f"{self.mechanism.name}: {loop.name!r} is a Python function and has no expression")
         one, two = self._seen((closure.joint1, closure.place1), (closure.joint2, closure.place2))
         d, R = (ca.mtimes(one[:3, :3].T, each) for each in (two[:3, 3] - one[:3, 3], two[:3, :3]))
-        if isinstance(closure.place, Length):
-            return (ca.sumsqr(d) / closure.place.length - closure.place.length) / 2
-        rows, turn = [ca.mtimes(closure.place.directions, d)], closure.turn
-        if isinstance(turn, Turn):
+        if isinstance(closure.translation, Length):
+            return (ca.sumsqr(d) / closure.translation.length - closure.translation.length) / 2
+        rows, turn = [ca.mtimes(closure.translation.directions, d)], closure.rotation
+        if isinstance(turn, RotationVector):
             rows.append(ca.inv_skew((R - R.T) / 2))
         elif turn is not None:
             rows.append(ca.mtimes([turn.directions, R, turn.axis2]))

@@ -21,7 +21,7 @@ from ..mechanism.forces import JointDamping, JointFriction, JointSpring, JointTo
 from ..mechanism.forces.force import label_of
 from ..mechanism.joint_constraints import TURN, Coupling, Drive
 from ..mechanism.lie import integrate
-from ..mechanism.loops import Length, Loop, Turn
+from ..mechanism.loops import Length, Loop, RotationVector
 from ..mechanism.names import position_names
 from ..mechanism.rows import LoopRows
 from .coordinates import ENOUGH, LONGEST_MOTION, MISS
@@ -119,8 +119,8 @@ def _rows(mechanism, kept):
             first = len(loop_rows)
             places = [_place(closure.joint1, closure.place1), _place(closure.joint2, closure.place2)]
             loop_rows += [row for i, row in enumerate(_rows_of(closure)) if i in own]
-            axis = getattr(closure.turn, "axis2", np.zeros(3)).tolist()
-            loops.append([places, axis, getattr(closure.place, "length", 1.0), first, len(loop_rows)])
+            axis = getattr(closure.rotation, "axis2", np.zeros(3)).tolist()
+            loops.append([places, axis, getattr(closure.translation, "length", 1.0), first, len(loop_rows)])
         elif own:
             ends, law = _law(loop)
             first, middle = len(shares), len(shares) + len(ends[0])
@@ -135,12 +135,15 @@ def _rows(mechanism, kept):
 
 def _rows_of(closure):
     """The kind and the direction of each row of a loop."""
-    place, turn = closure.place, closure.turn
-    rows = [["LENGTH", [0.0]]] if isinstance(place, Length) else [["ALONG", each] for each in place.directions.tolist()]
-    if isinstance(turn, Turn):
+    position, rotation = closure.translation, closure.rotation
+    if isinstance(position, Length):
+        rows = [["LENGTH", [0.0]]]
+    else:
+        rows = [["ALONG", each] for each in position.directions.tolist()]
+    if isinstance(rotation, RotationVector):
         rows += [["TURN", each] for each in np.eye(3).tolist()]
-    elif turn is not None:
-        rows += [["TILT", each] for each in turn.directions.tolist()]
+    elif rotation is not None:
+        rows += [["TILT", each] for each in rotation.directions.tolist()]
     return rows
 
 

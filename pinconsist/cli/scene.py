@@ -248,8 +248,8 @@ def _immobile(mech, assembly) -> list[str]:
 
     from ..mechanism.closing import LoopSolver
     from ..mechanism.correction import hint
+    from ..mechanism.loops import LOOP_KINDS
     from ..mechanism.rank import independent_rows
-    from ..mechanism.rows import TURNING
 
     if assembly.mobility or not mech.loops:
         return []
@@ -258,8 +258,8 @@ def _immobile(mech, assembly) -> list[str]:
         return []
     _, J = solver.rows(assembly.q)
     helping = []
-    for loop in mech.loops:
-        rows = [row for row in loop.rows if row in TURNING]
+    for loop in mech.anchored_loops:
+        rows = LOOP_KINDS[loop.kind].rotations
         kept = np.array([of != loop.name or row not in rows for of, row in mech.row_labels])
         if left := mech.nv - len(independent_rows(J[kept], solver.loop_rows.turns[kept])):
             helping.append(f"without rows {', '.join(rows)}, loop {loop.name!r} would leave {counted(left, 'motion')}")

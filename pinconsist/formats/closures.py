@@ -6,27 +6,20 @@ from dataclasses import dataclass
 import pinocchio as pin
 
 from ..mechanism.checks import frame_of, places, workspace
-from ..mechanism.loops import GROUND, Loop, anchor
+from ..mechanism.loops import GROUND, LOOP_KINDS, Loop, anchor
 
-KINDS = {
-    **dict.fromkeys(("point", "3d", "ball", "spherical", "ball_and_socket", "p2p", "connect"), "point"),
-    **dict.fromkeys(("frame", "6d", "fixed", "weld", "rigid", "fixed_relative_transform"), "frame"),
-    **dict.fromkeys(("hinge", "revolute", "continuous", "pin", "rotational"), "hinge"),
-    **dict.fromkeys(("slider", "prismatic", "translational", "linear"), "slider"),
-    **dict.fromkeys(("cylinder", "cylindrical", "piston"), "cylinder"),
-    **dict.fromkeys(("universal", "cardan"), "universal"),
-    "planar": "plane",
-    "plane": "plane",
-    "distance": "distance",
-}
+FILE_NAMES = {name: kind.name for kind in LOOP_KINDS.values() for name in kind.file_names}
 """Names of joints and constraints in files → kinds of loops."""
-WITH_AXIS = ("hinge", "slider", "cylinder", "plane", "universal")
+WITH_AXIS = tuple(kind.name for kind in LOOP_KINDS.values() if kind.has_axis)
+AXIS_ONLY = tuple(kind.name for kind in LOOP_KINDS.values() if kind.fields in ((), ("axis",)))
+"""Kinds that two anchors and, for some, an axis define."""
 
 
 def kind_of(word: str) -> str | None:
     """The kind of loop that a file calls ``Revolute``, ``spherical_joint`` or ``6D``; None for another word."""
     plain = word.strip().lower().replace("-", "_").replace(" ", "_")
-    return KINDS.get(plain) or KINDS.get(plain.removesuffix("_joint").removesuffix("_constraint").removesuffix("joint"))
+    short = plain.removesuffix("_joint").removesuffix("_constraint").removesuffix("joint")
+    return FILE_NAMES.get(plain) or FILE_NAMES.get(short)
 
 
 @dataclass(frozen=True)

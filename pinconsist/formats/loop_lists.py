@@ -26,7 +26,7 @@ import numpy as np
 
 from ..errors import FormatError
 from ..mechanism.loops import Loop, unit
-from .closures import WITH_AXIS, Closure, kind_of
+from .closures import AXIS_ONLY, WITH_AXIS, Closure, kind_of
 from .extensions import WORLDS, pose, unique
 from .reading import finite, short_repr
 from .records import items, mapping, name, numbers
@@ -149,7 +149,7 @@ def _with_origin(entry, element, loops):
     frames = _frames(entry, element)
     given = str(entry.get("type") or entry.get("joint_type") or "revolute")
     kind = kind_of(given)
-    if kind is None or kind in ("distance", "universal"):
+    if kind not in AXIS_ONLY:
         reason = f"the type {short_repr(given)} is not one of revolute, continuous, prismatic, fixed"
         raise FormatError(reason, element=element)
     xyz = _vector(entry, ("origin_xyz_m", "origin_xyz", "xyz"), element, ZERO)

@@ -45,12 +45,12 @@ from ..mechanism.contacts import CONTACTS
 from ..mechanism.curve import LAWS, Curve
 from ..mechanism.forces.actuators import Table
 from ..mechanism.joint_constraints import Coupling, Drive
-from ..mechanism.loops import ROW_NAMES, Loop
+from ..mechanism.loops import LOOP_KINDS, Loop
 from ..mechanism.motion import Motion
 from ..mechanism.names import by_joint
 from .reading import bound, finite, located, near, short_repr
 
-LOOPS = {kind: Loop for kind in ROW_NAMES} | {"coupling": Coupling, "drive": Drive}
+LOOPS = {kind: Loop for kind in LOOP_KINDS} | {"coupling": Coupling, "drive": Drive}
 FORCES = {"damping": laws.JointDamping, "friction": laws.JointFriction, "spring": laws.JointSpring}
 FORCES |= {"spring-damper": laws.SpringDamper, "bushing": laws.Bushing, "torque": laws.JointTorque, "servo": laws.Servo}
 FORCES |= {"wrench": laws.Wrench, "actuator": laws.Actuator}
@@ -64,7 +64,7 @@ def loop_record(number: int, entry):
     given = entry.get("name")
     element = loop_element(number, given)
     kind = _kind(entry, LOOPS, element)
-    if kind in ROW_NAMES:
+    if kind in LOOP_KINDS:
         return record_of(Loop, entry | {"kind": kind}, element, f"loop {given!r}: ")
     if kind == "coupling":
         return record_of(Coupling, entry, element, f"coupling {given!r}: ")

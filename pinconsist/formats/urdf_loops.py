@@ -71,7 +71,7 @@ from ..mechanism.forces import Actuator
 from ..mechanism.joint_constraints import Coupling
 from ..mechanism.loops import Loop, anchor
 from . import drake, gazebo
-from .closures import WITH_AXIS, Closure, kind_of
+from .closures import AXIS_ONLY, WITH_AXIS, Closure, kind_of
 from .extensions import LOOP_TAGS, Names, pose, warn_without_effect, word
 from .reading import DRAKE, Node, closing, finite, floats, located, near, refuse, short_repr
 
@@ -153,7 +153,7 @@ def _all(node):
 def _loop(name, node, names, tag):
     given = node.get("type") or "revolute"
     kind = kind_of(given)
-    if kind is None or kind in ("distance", "universal"):
+    if kind not in AXIS_ONLY:
         raise node.error(f"type {given[:40]!r} is not one of {', '.join(_TYPES)}")
     warn_without_effect(node, "limit", "dynamics", "mimic")
     fields = {}

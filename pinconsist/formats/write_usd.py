@@ -13,14 +13,10 @@ import pinocchio as pin
 
 from ..mechanism.forces import Actuator
 from ..mechanism.forces.force import label_of
+from ..mechanism.loops import LOOP_KINDS
 from .saying import Motion1, Said, Unsaid, in_world, least_inertia, require_same_motion, said
 from .usd import EXACT, package
 
-_LOOPS = {
-    "point": ("rotX", "rotY", "rotZ"), "hinge": ("rotX",), "slider": ("transX",), "frame": (),
-    "cylinder": ("transX", "rotX"), "plane": ("transY", "transZ", "rotX"), "universal": ("rotX", "rotY"),
-}  # fmt: skip
-"""Kind of loop → its free directions, with its axis along x."""
 _DIRECTIONS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
 _DEGREES = 180.0 / math.pi
 
@@ -208,16 +204,16 @@ class _Writer:
             made = self._between(self.UsdPhysics.DistanceJoint, loop.name, *ends)
             self._put(made.CreateMinDistanceAttr(), loop.length)
             self._put(made.CreateMaxDistanceAttr(), loop.length)
-        elif loop.kind in _LOOPS:
+        elif LOOP_KINDS[loop.kind].free is not None:
             turn = _along(np.array(loop.axis)) if loop.axis is not None else pin.SE3.Identity()
             turns = [turn, turn]
-            if loop.kind == "universal":
+            if loop.axis2 is not None:
                 turns = _cross(loop)
             ends = [(joint, place * own) for (joint, place), own in
                     zip((self.parts.anchor(loop, end) for end in (1, 2)), turns, strict=True)]  # fmt: skip
             made = self._between(self.UsdPhysics.Joint, loop.name, *ends)
             for direction in _DIRECTIONS:
-                if direction not in _LOOPS[loop.kind]:
+                if direction not in LOOP_KINDS[loop.kind].free:
                     limit = self.UsdPhysics.LimitAPI.Apply(made.GetPrim(), direction)
                     limit.CreateLowAttr(1.0)
                     limit.CreateHighAttr(-1.0)

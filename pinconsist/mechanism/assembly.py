@@ -13,6 +13,7 @@ from .closing import CLOSED_GAP, NEARLY_CLOSED, LoopSolver
 from .correction import hint
 from .joint_constraints import Drive
 from .lie import difference, integrate
+from .loops import LOOP_KINDS
 from .names import filled, is_revolute, velocity_units
 from .rank import dependencies, weak_text
 from .rows import positions
@@ -459,7 +460,7 @@ def _not_closed(solver, guess, best, open_loops, fixed):
     else:
         alone = impossible_alone(mechanism, guess, open_loops, fixed, solver.t)
         named = sorted((alone or open_loops).items(), key=lambda item: -item[1])
-        in_metres = [loop.name for loop in mechanism.loops if loop.kind in ("point", "distance")]
+        in_metres = [loop.name for loop in mechanism.anchored_loops if not LOOP_KINDS[loop.kind].rotations]
         listed = ", ".join(f"{name!r} (gap {gap:.3g} m{' or rad' * (name not in in_metres)})" for name, gap in named)
         what = f"the loops cannot close together{held}, although each can close alone; still open: {listed}"
         if alone:

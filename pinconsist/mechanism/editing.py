@@ -17,7 +17,7 @@ from .forces.force import ForceRecord
 from .forces.held import HeldRecord
 from .joint_constraints import Coordinate, Coupling, Drive
 from .lie import difference
-from .loops import Loop, blocks
+from .loops import LOOP_KINDS, Loop
 from .names import by_joint
 from .rank import RANK_TOLERANCE, free_motions
 from .rows import LoopRows
@@ -66,7 +66,7 @@ def _with_fewer_rows(mechanism, places):
         if _ranks(mechanism, others, places) == ranks:
             mechanism = mechanism.with_loops(*others)
             _log.info("%s: loop %r follows from the others and is dropped", mechanism.name, loop.name)
-        elif loop.kind in ("frame", "hinge", "universal"):
+        elif LOOP_KINDS[loop.kind].holds_point and LOOP_KINDS[loop.kind].rotations:
             point = replace(loop, kind="point", axis=None, axis2=None)
             loops = [point if other is loop else other for other in mechanism.loops]
             if _ranks(mechanism, loops, places) == ranks:
@@ -108,11 +108,11 @@ def reanchored(mechanism, q=None):
 
 
 def _move(before, after):
-    if before.kind == "distance":
+    if before.length is not None:
         return f"{before.name!r} by {after.length - before.length:+.3g} m of length"
     turn = before.placement2.rotation.T @ after.placement2.rotation
     move = f"{before.name!r} by {np.linalg.norm(np.subtract(after.xyz2, before.xyz2)):.3g} m"
-    return move if before.kind == "point" else f"{move} and {np.linalg.norm(pin.log3(turn)):.3g} rad"
+    return move if not LOOP_KINDS[before.kind].rotations else f"{move} and {np.linalg.norm(pin.log3(turn)):.3g} rad"
 
 
 def _moved_anchor(model, data, loop):
@@ -120,12 +120,13 @@ def _moved_anchor(model, data, loop):
     pose1 = data.oMf[model.getFrameId(loop.frame1)] * loop.placement1
     pose2 = data.oMf[model.getFrameId(loop.frame2)]
     gap = pose1.actInv(pose2 * loop.placement2)
-    if loop.kind == "distance":
+    if loop.length is not None:
         return replace(loop, length=float(np.linalg.norm(gap.translation)))
-    place, turn = blocks(loop)
-    closed = pin.SE3(gap.rotation if turn is None else turn.closest(gap.rotation), place.closest(gap.translation))
+    translation, rotation = LOOP_KINDS[loop.kind].blocks(loop)
+    turned = gap.rotation if rotation is None else rotation.closest(gap.rotation)
+    closed = pin.SE3(turned, translation.closest(gap.translation))
     anchor = pose2.actInv(pose1 * closed)
-    rpy = loop.rpy2 if turn is None else tuple(pin.rpy.matrixToRpy(anchor.rotation))
+    rpy = loop.rpy2 if rotation is None else tuple(pin.rpy.matrixToRpy(anchor.rotation))
     return replace(loop, xyz2=tuple(anchor.translation), rpy2=rpy)
 
 

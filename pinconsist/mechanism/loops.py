@@ -1,4 +1,4 @@
-"""Loop: the record that closes a loop, and the conventions of all constraint rows.
+"""Loop: the record that closes a loop, the kinds of loops, and the conventions of all constraint rows.
 
 Conventions
 -----------
@@ -32,7 +32,9 @@ An antiparallel axis of body 2 does not close a loop of a kind with an axis: the
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -40,21 +42,6 @@ import pinocchio as pin
 from ..errors import InputError
 from .checks import name, number, put, put_checked, triple
 
-ROW_NAMES = {
-    "point": ("x", "y", "z"),
-    "frame": ("x", "y", "z", "rx", "ry", "rz"),
-    "hinge": ("x", "y", "z", "tilt1", "tilt2"),
-    "distance": ("length",),
-    "slider": ("across1", "across2", "rx", "ry", "rz"),
-    "cylinder": ("across1", "across2", "tilt1", "tilt2"),
-    "plane": ("normal", "tilt1", "tilt2"),
-    "universal": ("x", "y", "z", "cross"),
-}
-OWN_FIELDS = {
-    **dict.fromkeys(("hinge", "slider", "cylinder", "plane"), ("axis",)),
-    "universal": ("axis", "axis2"),
-    "distance": ("length",),
-}  # fields of some kinds only
 GROUND = "universe"
 
 
@@ -101,19 +88,19 @@ class Loop:
 
     def __post_init__(self):
         who = f"loop {self.name!r}"
-        if not isinstance(self.kind, str) or self.kind not in ROW_NAMES:
-            raise InputError(f"{who}: unknown kind {self.kind!r}; choose from {', '.join(ROW_NAMES)}")
+        if not isinstance(self.kind, str) or self.kind not in LOOP_KINDS:
+            raise InputError(f"{who}: unknown kind {self.kind!r}; choose from {', '.join(LOOP_KINDS)}")
         put_checked(self, who, name, "name", "frame1", "frame2")
-        own = OWN_FIELDS.get(self.kind, ())
+        own = LOOP_KINDS[self.kind].fields
         for field in ("axis", "axis2", "length"):
             if field not in own and getattr(self, field) is not None:  # most likely another kind was meant
-                kinds = ", ".join(kind for kind, fields in OWN_FIELDS.items() if field in fields)
+                kinds = ", ".join(kind.name for kind in LOOP_KINDS.values() if field in kind.fields)
                 raise InputError(
                     f"{who}: a loop of kind {self.kind!r} has no {field}, which is for {kinds}; in addition to frames "
                     f"and anchors it has {' and '.join(own) or 'no fields'}"
                 )
         put_checked(self, who, triple, "xyz1", "rpy1", "xyz2", "rpy2")
-        if self.kind == "distance":
+        if "length" in own:
             put(self, length=number(self.length, f"{who}: the length of a distance, in m,", above=0.0))
             return
         for field in own:
@@ -126,7 +113,7 @@ class Loop:
     @property
     def rows(self) -> tuple[str, ...]:
         """Names of the loop's rows, in their order."""
-        return ROW_NAMES[self.kind]
+        return LOOP_KINDS[self.kind].rows
 
     @property
     def placement1(self) -> pin.SE3:
@@ -164,7 +151,7 @@ def across(e) -> np.ndarray:
     return np.array([u1, pin.skew(e) @ u1])
 
 
-class Place:
+class Position:
     """Components of d along fixed directions, (k, 3)."""
 
     def __init__(self, directions):
@@ -187,7 +174,7 @@ class Length:
         compiled.add_distance(*ends(), self.length)
 
 
-class Turn:
+class RotationVector:
     """log R."""
 
     def add_to(self, compiled, ends):
@@ -242,17 +229,178 @@ class Cross(_Axis):
         return square if np.linalg.norm(square) > 1e-9 else across(e)[0]
 
 
-def blocks(loop):
-    """(place, turn) of a loop: its block of translational rows, and its block of rotational rows or None."""
-    kind, everywhere = loop.kind, np.eye(3)
-    if kind == "distance":
-        return Length(loop.length), None
-    if kind == "point":
-        return Place(everywhere), None
-    if kind == "frame":
-        return Place(everywhere), Turn()
-    e = unit(loop.axis)
-    if kind == "universal":
-        return Place(everywhere), Cross(e, unit(loop.axis2))
-    directions = {"hinge": everywhere, "slider": across(e), "cylinder": across(e), "plane": e[None, :]}[kind]
-    return Place(directions), Turn() if kind == "slider" else Tilt(e)
+@dataclass(frozen=True)
+class LoopKind:
+    """All that the package needs to know of one kind of loop.
+
+    Translations into the constraints of other programs are with their writers, which refuse kinds that the program
+    does not have.
+
+    Parameters
+    ----------
+    name : str
+        The `kind` of its records.
+    translations, rotations : tuple of str
+        The names of its rows in m, which come first, and of those in rad.
+    free : tuple of str or None
+        The motions of body 2 relative to body 1 that it leaves free, as UsdPhysics names them, if its axis is along x
+        and its axis2 along y; None if they are not along and about axes.
+    translation, rotation : callable
+        ``translation(loop)`` is the block of its rows in m; ``rotation(loop)`` that of its rows in rad, None without.
+    fields : tuple of str
+        Fields of the record that only some kinds have, such as its axis.
+    file_names : tuple of str
+        What files call it, in lower case with underscores.
+    label, planar_label : str
+        What a curve of its force calls it, in general and in a planar mechanism; by default its name.
+    drawn : {"shell", "rail", "plate", "bar"}
+        The form of anchor 1 in pictures, in which anchor 2 sits while the loop is closed.
+    """
+
+    name: str
+    translations: tuple[str, ...]
+    rotations: tuple[str, ...]
+    free: tuple[str, ...] | None
+    translation: Callable[[Any], Any]
+    rotation: Callable[[Any], Any] | None = None
+    fields: tuple[str, ...] = ()
+    file_names: tuple[str, ...] = ()
+    label: str = ""
+    planar_label: str = ""
+    drawn: str = "shell"
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """The names of its rows, in their order."""
+        return self.translations + self.rotations
+
+    def label_in(self, planar: bool) -> str:
+        """What a curve of its force calls it, in a planar mechanism or in general."""
+        return (self.planar_label if planar else "") or self.label or self.name
+
+    @property
+    def has_axis(self) -> bool:
+        """Whether its records have an axis."""
+        return "axis" in self.fields
+
+    @property
+    def holds_point(self) -> bool:
+        """Whether its anchors coincide."""
+        return self.translations == ("x", "y", "z")
+
+    def blocks(self, loop):
+        """Its blocks of rows in m and in rad, the latter None if there are none."""
+        return self.translation(loop), None if self.rotation is None else self.rotation(loop)
+
+
+def _at_point(loop) -> Position:
+    return Position(np.eye(3))
+
+
+def _on_axis(loop) -> Position:
+    return Position(across(unit(loop.axis)))
+
+
+def _in_plane(loop) -> Position:
+    return Position(unit(loop.axis)[None, :])
+
+
+def _aligned(loop) -> Tilt:
+    return Tilt(unit(loop.axis))
+
+
+_XYZ = ("x", "y", "z")
+_TILTS = ("tilt1", "tilt2")
+_ROTATION = ("rx", "ry", "rz")
+
+LOOP_KINDS = {
+    kind.name: kind
+    for kind in (
+        LoopKind(
+            name="point",
+            translations=_XYZ,
+            rotations=(),
+            free=("rotX", "rotY", "rotZ"),
+            translation=_at_point,
+            file_names=("point", "3d", "ball", "spherical", "ball_and_socket", "p2p", "connect"),
+            label="ball joint",
+            planar_label="pin",
+        ),
+        LoopKind(
+            name="frame",
+            translations=_XYZ,
+            rotations=_ROTATION,
+            free=(),
+            translation=_at_point,
+            rotation=lambda loop: RotationVector(),
+            file_names=("frame", "6d", "fixed", "weld", "rigid", "fixed_relative_transform"),
+            label="weld",
+        ),
+        LoopKind(
+            name="hinge",
+            translations=_XYZ,
+            rotations=_TILTS,
+            free=("rotX",),
+            translation=_at_point,
+            rotation=_aligned,
+            fields=("axis",),
+            file_names=("hinge", "revolute", "continuous", "pin", "rotational"),
+            planar_label="pin",
+        ),
+        LoopKind(
+            name="distance",
+            translations=("length",),
+            rotations=(),
+            free=None,
+            translation=lambda loop: Length(loop.length),
+            fields=("length",),
+            file_names=("distance",),
+            label="rod",
+            drawn="bar",
+        ),
+        LoopKind(
+            name="slider",
+            translations=("across1", "across2"),
+            rotations=_ROTATION,
+            free=("transX",),
+            translation=_on_axis,
+            rotation=lambda loop: RotationVector(),
+            fields=("axis",),
+            file_names=("slider", "prismatic", "translational", "linear"),
+            drawn="rail",
+        ),
+        LoopKind(
+            name="cylinder",
+            translations=("across1", "across2"),
+            rotations=_TILTS,
+            free=("transX", "rotX"),
+            translation=_on_axis,
+            rotation=_aligned,
+            fields=("axis",),
+            file_names=("cylinder", "cylindrical", "piston"),
+            drawn="rail",
+        ),
+        LoopKind(
+            name="plane",
+            translations=("normal",),
+            rotations=_TILTS,
+            free=("transY", "transZ", "rotX"),
+            translation=_in_plane,
+            rotation=_aligned,
+            fields=("axis",),
+            file_names=("plane", "planar"),
+            drawn="plate",
+        ),
+        LoopKind(
+            name="universal",
+            translations=_XYZ,
+            rotations=("cross",),
+            free=("rotX", "rotY"),
+            translation=_at_point,
+            rotation=lambda loop: Cross(unit(loop.axis), unit(loop.axis2)),
+            fields=("axis", "axis2"),
+            file_names=("universal", "cardan"),
+        ),
+    )
+}
+"""Name of a kind → what holds for its loops."""

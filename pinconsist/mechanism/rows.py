@@ -19,10 +19,9 @@ from .breakpoints import NONE, Breakpoints
 from .checks import frame_of, workspace
 from .custom import Constraint, ConstraintRows
 from .joint_constraints import Coupling, CouplingRow, Drive, DriveRow, Rows
-from .loops import Loop, Place, Turn, blocks
+from .loops import LOOP_KINDS, Loop, Position, RotationVector
 from .names import velocity_units
 
-TURNING = ("rx", "ry", "rz", "tilt1", "tilt2", "cross")  # rows in rad
 POSE = None  # in place of a shift: all six rows of a pose
 HERE = np.zeros(3)
 
@@ -224,7 +223,7 @@ class KeptRows:
                 continue
             key = closure.loop.name, *local
             if key not in rows.near:
-                anchored = isinstance(closure, AnchoredRows) and isinstance(closure.place, Place)
+                anchored = isinstance(closure, AnchoredRows) and isinstance(closure.translation, Position)
                 near = near_closed(closure, local) if anchored else []
                 rows.near[key] = [(matrix, closure.ends(shift)) for shift, matrix in near]
             self._closures.append((closure, local, rows.near[key]))
@@ -249,7 +248,7 @@ class KeptRows:
 
 
 class AnchoredRows(Rows):
-    """One loop on one model: anchors as (joint, placement), and the blocks of its rows; `turn` may be None."""
+    """One loop on one model: anchors as (joint, placement), and the blocks of its rows; `rotation` may be None."""
 
     def __init__(self, model: pin.Model, loop: Loop):
         self.model, self.loop, who = model, loop, f"loop {loop.name!r}"
@@ -261,15 +260,16 @@ class AnchoredRows(Rows):
                 f"{who}: frames {loop.frame1!r} and {loop.frame2!r} are on the same body; "
                 "a loop connects two bodies, or a body and the ground"
             )
-        self.turns = tuple(row in TURNING for row in loop.rows)
-        self.place, self.turn = blocks(loop)
+        kind = LOOP_KINDS[loop.kind]
+        self.turns = (False,) * len(kind.translations) + (True,) * len(kind.rotations)
+        self.translation, self.rotation = kind.blocks(loop)
 
     def ends(self, shift=HERE):
         """Anchor 1, and anchor 2 or the point at `shift` from it, in the form of the compiled system."""
         return self.joint1, self.place1.homogeneous, self.joint2, _shifted(self.place2, shift).homogeneous
 
     def hand_over(self, compiled) -> bool:
-        for block in (self.place, self.turn):
+        for block in (self.translation, self.rotation):
             if block is not None:
                 block.add_to(compiled, self.ends)
         return True
@@ -280,17 +280,18 @@ def near_closed(closure, local):
 
     `matrix` is applied to the position of the point at `shift` from anchor 2 or, if `shift` is POSE, to the pose.
     """
-    place, turn = closure.place, closure.turn
-    n = len(place.directions)
-    if turn is None or max(local) < n:
-        return [(HERE, place.directions[local])]
-    if not isinstance(turn, Turn):
-        shift, ahead, behind = turn.axis2, turn.directions, -turn.directions
+    position, rotation = closure.translation, closure.rotation
+    n = len(position.directions)
+    if rotation is None or max(local) < n:
+        return [(HERE, position.directions[local])]
+    if not isinstance(rotation, RotationVector):
+        shift, at_shift, at_anchor = rotation.axis2, rotation.directions, -rotation.directions
     elif n == 3:
         return [(POSE, np.eye(6)[local])]
     else:
-        shift, ahead, behind = POSE, np.eye(6)[3:], np.zeros((3, 3))
-    matrix = np.vstack((place.directions, behind)), np.vstack((np.zeros((n, ahead.shape[1])), ahead))
+        shift, at_shift, at_anchor = POSE, np.eye(6)[3:], np.zeros((3, 3))
+    above = np.zeros((n, at_shift.shape[1]))
+    matrix = np.vstack((position.directions, at_anchor)), np.vstack((above, at_shift))
     return [(HERE, matrix[0][local]), (shift, matrix[1][local])]
 
 

@@ -15,6 +15,7 @@ from ..mechanism.checks import name as checked_name
 from ..mechanism.energy import UNCERTAIN, Energy, energy_of, refined
 from ..mechanism.forces.actuators import commands, replayed
 from ..mechanism.forces.held import sided
+from ..mechanism.loops import LOOP_KINDS
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.reactions import JointForce, Reaction, States, joint_force, reaction
 from ..mechanism.rows import Workspace
@@ -333,7 +334,7 @@ class Solution(ByName):
         scene, found = self._mechanism(mechanism, "contact_forces", False), {}
         for loop in scene.anchored_loops:
             its = self.reaction(loop.name, mechanism, axes=axes)
-            parts = [its.force] if loop.kind in ("point", "distance") else [its.force, its.moment]
+            parts = [its.force, its.moment] if LOOP_KINDS[loop.kind].rotations else [its.force]
             found[loop.name] = -np.hstack([part for part in parts if part is not None])
         return found
 

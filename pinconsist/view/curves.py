@@ -9,7 +9,7 @@ from ..errors import InputError
 from ..mechanism.contacts import contact_units
 from ..mechanism.forces import SpringDamper
 from ..mechanism.joint_constraints import Drive
-from ..mechanism.loops import Loop
+from ..mechanism.loops import LOOP_KINDS, Loop
 from ..mechanism.names import position_names, position_units
 from ..mechanism.rows import LoopRows
 from .arrows import FORCE, TRUE, UNITS, actions, joint_wrenches, of_joint, true_actions
@@ -78,7 +78,7 @@ def _curves(some: Run, run: Run, size: float, without, planar: bool):
     """(group, unit, name, values, subject) of each curve of a run, at the times of `some`."""
     source, model = run.source, run.mech.model
     if run.lam is not None and (run.v is not None or not run.mech.forces):
-        poses, words = body_poses(model, some.q), {loop.name: _word(loop.kind, planar) for loop in run.mech.loops}
+        poses, words = body_poses(model, some.q), {loop.name: _word(loop, planar) for loop in run.mech.loops}
         for action in actions(some, poses, size, without) + true_actions(some, poses, size, without):
             group = "forces" if action.kind == FORCE else "torques"
             values = action.norms if action.on_joint is None else action.on_joint
@@ -144,11 +144,11 @@ def _of_joints(some: Run, size: float, without):
                 yield group, unit, joint, each[:, part], {"of": of_joint(joint)}
 
 
-def _word(kind: str, planar: bool) -> str:
-    """The kind of a loop, printed before its name."""
-    pin = "pin " if planar else ""
-    words = {"point": pin or "ball joint ", "hinge": pin or "hinge ", "frame": "weld ", "distance": "rod ", "drive": ""}
-    return words.get(kind, f"{kind} ")
+def _word(loop, planar: bool) -> str:
+    """The kind of a loop, printed before its name; nothing for drives, which are named after what they drive."""
+    if isinstance(loop, Loop):
+        return f"{LOOP_KINDS[loop.kind].label_in(planar)} "
+    return "" if isinstance(loop, Drive) else f"{loop.kind} "
 
 
 def _energies(run: Run) -> dict[str, np.ndarray]:

@@ -10,6 +10,7 @@ import pinocchio as pin
 from ..errors import InputError
 from ..mechanism.checks import flag, near
 from ..mechanism.checks import names as checked_names
+from ..mechanism.loops import LOOP_KINDS
 from ..mechanism.names import body_names
 from ..mechanism.reactions import listed, not_determined, undetermined
 from . import arrows, contacts
@@ -20,8 +21,7 @@ from .motion import Run, body_poses, in_world, on_joint, playing_times, point_in
 from .shapes import LINK_COLORS, LOOP, Shape, ball, bars, covering, simple_shapes, skeleton, springs
 
 TRACES = (0x00838F, 0xBF360C, 0x33691E, 0x4527A0, 0x8D6E63)
-SEATS = {kind: "in its shell" for kind in ("point", "frame", "hinge", "universal")}
-SEATS |= {"slider": "on its rail", "cylinder": "on its rail", "plane": "on its plate", "distance": "at its bar's end"}
+SEATS = {"shell": "in its shell", "rail": "on its rail", "plate": "on its plate", "bar": "at its bar's end"}
 ACTS = {(FORCE, False): "force", (FORCE, True): "drive force", (MOMENT, False): "moment", (MOMENT, True): "torque"}
 ACTS |= {(JOINT, True): "force"}  # kind, and whether it acts in a joint instead of on a body
 NAMED = 3  # largest number of bodies in a line of the legend
@@ -360,9 +360,9 @@ def _below(points: np.ndarray, axes: np.ndarray, size: float) -> np.ndarray:
 
 def _legend(runs, traces, forces: bool, scales, acting, not_drawn: NotDrawn) -> list[dict]:
     out = [{"color": color, "text": f"path of {name}"} for name, color in zip(traces, cycle(TRACES), strict=False)]
-    kinds = {loop.kind for run in runs for loop in run.mech.anchored_loops}
-    if kinds:
-        seats = dict.fromkeys(seat for kind, seat in SEATS.items() if kind in kinds)
+    drawn = {LOOP_KINDS[loop.kind].drawn for run in runs for loop in run.mech.anchored_loops}
+    if drawn:
+        seats = [seat for form, seat in SEATS.items() if form in drawn]
         out.append({"color": LOOP, "text": f"loop: closed where its core sits {', '.join(seats)}"})
     out += [_bar(kind, scale, acting) for kind, scale in scales.items() if scale]
     out += contacts.legend(runs)

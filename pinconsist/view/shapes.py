@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..mechanism.forces import SpringDamper
-from ..mechanism.loops import Loop
+from ..mechanism.loops import LOOP_KINDS, Loop
 from ..mechanism.mechanism import Mechanism
 from .motion import anchors, bar_poses, force_points, in_world, joint_axis, point_in_world, rotation_to
 
@@ -126,7 +126,9 @@ def skeleton(mech: Mechanism, poses: np.ndarray) -> np.ndarray:
 
 def bars(mech: Mechanism, poses: np.ndarray) -> dict[str, np.ndarray]:
     """Poses, shape (n, 7) each, of the bars that represent distance loops, by their names."""
-    rods = {loop.name: anchors(mech.model, loop) for loop in mech.anchored_loops if loop.kind == "distance"}
+    rods = {
+        loop.name: anchors(mech.model, loop) for loop in mech.anchored_loops if LOOP_KINDS[loop.kind].drawn == "bar"
+    }
     return {
         name: bar_poses(*(point_in_world(poses, j, place.translation) for j, place in ends))
         for name, ends in rods.items()
@@ -285,7 +287,7 @@ def _closures(mech: Mechanism, poses: np.ndarray, radius: float) -> list[Shape]:
         core = ball(joint2, place2.translation, CORE * radius, color=LOOP)
         parts = (shell, core, *_guide(mech, loop, poses, radius))
         out += [replace(shape, on_top=1, loop=loop.name) for shape in parts]
-        if loop.kind == "distance":
+        if LOOP_KINDS[loop.kind].drawn == "bar":
             half = np.array([0.0, loop.length / 2, 0.0])
             out.append(cylinder(bar, -half, half, 0.6 * radius, color=JOINT, loop=loop.name))
             bar += 1
@@ -294,14 +296,14 @@ def _closures(mech: Mechanism, poses: np.ndarray, radius: float) -> list[Shape]:
 
 def _guide(mech: Mechanism, loop: Loop, poses: np.ndarray, radius: float) -> list[Shape]:
     """The guide of anchor 2 on body 1: the rail of a slider or cylinder, or the plate of a plane."""
-    if loop.kind not in ("slider", "cylinder", "plane"):
+    if LOOP_KINDS[loop.kind].drawn not in ("rail", "plate"):
         return []
     (joint1, place1), (joint2, place2) = anchors(mech.model, loop)
     axis = place1.rotation @ (np.array(loop.axis) / np.linalg.norm(loop.axis))
     start, end = (point_in_world(poses, joint1, place1.translation + shift) for shift in (np.zeros(3), axis))
     away = point_in_world(poses, joint2, place2.translation) - start
     along = np.einsum("ij,ij->i", away, end - start)
-    if loop.kind == "plane":
+    if LOOP_KINDS[loop.kind].drawn == "plate":
         reach = np.linalg.norm(away - along[:, None] * (end - start), axis=1).max() + SHELL * radius
         ends = [place1.translation + shift * radius * axis for shift in (-0.1, 0.1)]
         return [cylinder(joint1, *ends, reach, color=LOOP, opacity=0.2)]

@@ -7,9 +7,9 @@ import pinconsist as pc
 from helpers.bodies import frame_pose
 from helpers.held_bodies import AXIS, AXIS2, E, own_fields
 from helpers.scenes import add_body, add_point
-from pinconsist.mechanism.loops import ROW_NAMES
+from pinconsist.mechanism import loops
 
-KINDS = tuple(ROW_NAMES)
+KINDS = tuple(loops.LOOP_KINDS)
 PAIRS = [("arm", "wheel"), ("arm", "universe"), ("universe", "puck"), ("raft", "arm0"), ("raft", "wheel")]
 
 

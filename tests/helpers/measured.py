@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinconsist.mechanism.forces import bound_forces
-from pinconsist.mechanism.loops import Length, Turn
+from pinconsist.mechanism.loops import Length, RotationVector
 from pinconsist.mechanism.rows import LoopRows
 
 
@@ -22,11 +22,11 @@ def reaction_of_the_loop(mech, q, lam, axes):
 def by_twist(closure, data):
     """∂Φ by the twist of body 2 relative to body 1 at anchor 2, in the axes of anchor 1, of a closed loop."""
     pose1, pose2 = data.oMi[closure.joint1] * closure.place1, data.oMi[closure.joint2] * closure.place2
-    gap, turn = pose1.actInv(pose2), closure.turn
-    if isinstance(closure.place, Length):
-        return np.append(gap.translation / closure.place.length, np.zeros(3))[None]
-    moving = [np.hstack((closure.place.directions, np.zeros_like(closure.place.directions)))]
-    if isinstance(turn, Turn):
+    gap, turn = pose1.actInv(pose2), closure.rotation
+    if isinstance(closure.translation, Length):
+        return np.append(gap.translation / closure.translation.length, np.zeros(3))[None]
+    moving = [np.hstack((closure.translation.directions, np.zeros_like(closure.translation.directions)))]
+    if isinstance(turn, RotationVector):
         moving.append(np.eye(6)[3:])
     elif turn is not None:
         spun = -turn.directions @ pin.skew(gap.rotation @ turn.axis2)

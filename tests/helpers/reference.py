@@ -5,7 +5,7 @@ import pinocchio as pin
 
 from pinconsist.mechanism.axes import rnea_derivatives
 from pinconsist.mechanism.joint_constraints import Coupling
-from pinconsist.mechanism.loops import Length, Place, Turn
+from pinconsist.mechanism.loops import Length, Loop, Position, RotationVector
 from pinconsist.mechanism.system import MechanismSystem
 
 
@@ -46,9 +46,9 @@ class ByPinocchio(MechanismSystem):
             return sum(phi for phi, _ in rows), sum(J for _, J in rows)
         if isinstance(closure.loop, Coupling):
             return coupling(self.model, closure.loop, q)
-        if hasattr(closure, "place"):
+        if isinstance(closure.loop, Loop):
             d, J = self._constraint(np.eye(3), closure.ends())
-            length = closure.place.length
+            length = closure.translation.length
             return np.array([(d @ d - length**2) / (2 * length)]), (d @ J / length)[None]
         phi, J = closure.evaluate(q, t)
         return phi[local], J[local]
@@ -64,7 +64,7 @@ class ByPinocchio(MechanismSystem):
     def _bias(self, closure, t, q, v):
         if isinstance(closure.loop, Coupling):
             return coupling_bias(self.model, closure.loop, q, v)
-        if not hasattr(closure, "place"):
+        if not isinstance(closure.loop, Loop):
             return closure.acceleration_bias(t, q, v)
         p1, R1, v1, w1, a1, b1 = self._motion(closure.joint1, closure.place1)
         p2, R2, v2, w2, a2, b2 = self._motion(closure.joint2, closure.place2)
@@ -72,15 +72,15 @@ class ByPinocchio(MechanismSystem):
         d, dd = R1.T @ r, R1.T @ (rd - W1 @ r)
         ddd = R1.T @ (a2 - a1 - pin.skew(b1) @ r - 2 * W1 @ rd + W1 @ (W1 @ r))
         R, W, rate = R1.T @ R2, pin.skew(R1.T @ (w2 - w1)), R1.T @ (b2 - b1 - W1 @ w2)
-        if isinstance(closure.place, Length):
-            return np.array([(dd @ dd + d @ ddd) / closure.place.length])
-        assert isinstance(closure.place, Place)
-        found = [closure.place.directions @ ddd]
-        if isinstance(closure.turn, Turn):
+        if isinstance(closure.translation, Length):
+            return np.array([(dd @ dd + d @ ddd) / closure.translation.length])
+        assert isinstance(closure.translation, Position)
+        found = [closure.translation.directions @ ddd]
+        if isinstance(closure.rotation, RotationVector):
             found.append(rate)
-        elif closure.turn is not None:
-            a = R @ closure.turn.axis2
-            found.append(closure.turn.directions @ (W @ (W @ a) + pin.skew(rate) @ a))
+        elif closure.rotation is not None:
+            a = R @ closure.rotation.axis2
+            found.append(closure.rotation.directions @ (W @ (W @ a) + pin.skew(rate) @ a))
         return np.concatenate(found)
 
     def _motion(self, joint, placement):
