@@ -33,6 +33,32 @@ def test_rounding_is_not_scaled_up():
     np.testing.assert_array_equal(row_scales(np.zeros((2, 2)), np.array([False, True])), [1.0, 1.0])
 
 
+def test_rows_that_are_all_rounding_are_dependent():
+    noise = 1e-16 * np.random.default_rng(2).standard_normal((10, 1))
+    assert not len(independent_rows(noise, np.tile([False, False, False, True, True], 2)))
+
+
+@pytest.mark.parametrize("away", [0.0, 5e3])
+@pytest.mark.parametrize("tilt", [0.2, 0.7, 1.1])
+def test_a_tilted_door_on_three_hinges_swings_as_on_one(tilt, away):
+    axes, top = pin.rpy.rpyToMatrix(tilt, 0.0, 0.0), np.array([away, 0.1, 2.1])
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelRZ(), pin.SE3(axes, top), "upper")
+    model.appendBodyToJoint(joint, pin.Inertia(23.0, np.array([0.45, 0.02, -1.0]), np.eye(3)), pin.SE3.Identity())
+    model.addFrame(pin.Frame("leaf", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    at = {"middle": -0.9, "lower": -1.7}
+    hinges = [
+        pc.Loop(name, "hinge", "universe", "leaf", axes[:, 2] * z + top, (tilt, 0.0, 0.0), (0, 0, z), axis=(0, 0, 1))
+        for name, z in at.items()
+    ]
+    alone = pc.simulate(pc.Mechanism(model), (0.0, 1.5), {"upper": 0.4})
+    assert abs(alone.q[-1, 0] - 0.4) > 0.5
+    sol = pc.simulate(pc.Mechanism(model, hinges), (0.0, 1.5), {"upper": 0.4})
+    np.testing.assert_allclose(sol.q[-1], alone.q[-1], atol=1e-9)
+    assert set(sol.check(error=False).not_unique) == {"upper", *at}
+    assert "force z" in sol.reaction("lower").not_unique
+
+
 def test_an_opened_loop_is_seen_beside_a_drive(monkeypatch):
     """A parallelogram started in line (and the check of the start switched off), with an unrelated driven joint."""
     plain = pc.load("n_four_bar_1")

@@ -11,7 +11,8 @@ from .names import joints_in
 RANK_TOLERANCE = 1e-8
 """Relative to the largest pivot. Independent rows of real robots have at least 1e-5, redundant rows below 1e-12."""
 ROUNDED = 1e-6  # m or rad: the error of numbers with six digits
-NO_LENGTH = 1e-13  # m: if all rows are shorter, they are rounding errors
+ROUNDING = 1e-11
+"""m or rad: if all rows are shorter, they are rounding errors, those of coordinates up to some kilometres."""
 MASSLESS = 1e-14  # inertia of a free motion, relative to the largest, below which it counts as zero
 HELD = 1e-6  # share of a motor in the free motions below which it cannot move
 
@@ -19,7 +20,7 @@ HELD = 1e-6  # share of a motor in the free motions below which it cannot move
 def row_scales(J, turns) -> np.ndarray:
     """Natural size of each row: 1 for rows in rad (`turns`); for rows in m their largest norm, the loops' size."""
     longest = sqrt(np.einsum("ij,ij->i", J, J).max(where=~turns, initial=0.0))
-    return np.where(turns, 1.0, longest) if longest > NO_LENGTH else np.ones(len(J))
+    return np.where(turns, 1.0, longest) if longest > ROUNDING else np.ones(len(J))
 
 
 class Ranking:
@@ -27,13 +28,14 @@ class Ranking:
 
     `turns` marks the rows in rad; they and the rows in m are scaled first, so that the choice does not depend on the
     size of the mechanism. ``kept`` has the ascending indices of a maximal set of well-conditioned independent rows.
+    There are none where all rows are rounding errors, like those of the second hinge of a door.
     """
 
     def __init__(self, J, turns):
         self.scales, self._pivots, self._by = row_scales(J, turns), np.zeros(0, int), np.zeros(0)
         if J.size:
             self._pivots, self._by = pivoted(J / self.scales[:, None])
-        self._rank = np.count_nonzero(self._by > RANK_TOLERANCE * self._by.max(initial=0.0))
+        self._rank = np.count_nonzero(self._by > max(ROUNDING, RANK_TOLERANCE * self._by.max(initial=0.0)))
         self.kept = np.sort(self._pivots[: self._rank])
 
     def weak(self, labels) -> dict[tuple[str, str], float]:
