@@ -255,3 +255,17 @@ def test_the_sensitivity_of_a_peak(command):
     assert row["derivatives"] == [pytest.approx(by, rel=1e-4)] and told["quantities"] == [told["of"]]
     code, out, _ = command(*arguments)
     assert code == 0 and "peak reaction rocker_ground of crank_rocker to t = 0.3 s is" in out
+
+
+def test_the_torque_of_a_coupling_of_sums():
+    """Rotors with q_one + 2 q_two = q_three: λ = (T / I₃) / (1/I₁ + 4/I₂ + 1/I₃) for a torque T on the third."""
+    model, inertias = pin.Model(), {"one": 0.2, "two": 0.5, "three": 0.3}
+    for name, inertia in inertias.items():
+        joint = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), name)
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), inertia * np.eye(3)), pin.SE3.Identity())
+    gears = pc.Coupling("gears", {"one": 1.0, "two": 2.0}, "three")
+    mech = pc.Mechanism(model, [gears], forces=[pc.JointTorque({"three": 1.5})])
+    series = pc.simulate(mech, (0.0, 0.5)).series("torque gears")
+    expected = (1.5 / inertias["three"]) / (1 / inertias["one"] + 4 / inertias["two"] + 1 / inertias["three"])
+    np.testing.assert_allclose(series.values, expected, rtol=1e-9)
+    assert series.unit == "N·m"

@@ -91,7 +91,7 @@ def test_every_kind_of_loop(tmp_path, kind, suffix):
     if kind not in UNSAID[suffix]:
         assert same(tmp_path, mech, suffix).nv == mech.nv
         return
-    with pytest.raises(pc.InputError, match=rf"'closing', which is a {kind}"):
+    with pytest.raises(pc.InputError, match=rf"'closing', of kind .{kind}"):
         pc.write(mech, tmp_path / f"machine{suffix}")
     assert not list(tmp_path.iterdir())
 

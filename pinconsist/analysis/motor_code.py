@@ -19,7 +19,7 @@ from ..files import as_path, written_whole
 from ..mechanism.checks import spread
 from ..mechanism.forces import JointDamping, JointFriction, JointSpring, JointTorque, SpringDamper, model_forces
 from ..mechanism.forces.force import label_of
-from ..mechanism.joint_constraints import TURN, Coupling, Drive
+from ..mechanism.joint_constraints import TURN, Drive, JointConstraint
 from ..mechanism.lie import integrate
 from ..mechanism.loops import Length, Loop, RotationVector
 from ..mechanism.names import position_names
@@ -113,14 +113,14 @@ def _rows(mechanism, kept):
     for closure in rows.closures:
         loop, start = closure.loop, rows.slices[closure.loop.name].start
         own = [i for i in range(len(closure.turns)) if start + i in kept]
-        if not isinstance(loop, Loop | Coupling | Drive):
+        if not isinstance(loop, Loop | JointConstraint):
             raise InputError(f"{mechanism.name}: {loop.name!r} is a Python function and cannot be converted to C")
         if isinstance(loop, Loop) and own:
             first = len(loop_rows)
             places = [_place(closure.joint1, closure.place1), _place(closure.joint2, closure.place2)]
-            loop_rows += [row for i, row in enumerate(_rows_of(closure)) if i in own]
-            axis = getattr(closure.rotation, "axis2", np.zeros(3)).tolist()
-            loops.append([places, axis, getattr(closure.translation, "length", 1.0), first, len(loop_rows)])
+            its_rows, axis2, length = _rows_of(closure)
+            loop_rows += [row for i, row in enumerate(its_rows) if i in own]
+            loops.append([places, axis2.tolist(), length, first, len(loop_rows)])
         elif own:
             ends, law = _law(loop)
             first, middle = len(shares), len(shares) + len(ends[0])
@@ -134,17 +134,19 @@ def _rows(mechanism, kept):
 
 
 def _rows_of(closure):
-    """The kind and the direction of each row of a loop."""
+    """The kind and the direction of each row of a loop, the axis of body 2, and the length."""
     position, rotation = closure.translation, closure.rotation
+    axis2, length = np.zeros(3), 1.0
     if isinstance(position, Length):
-        rows = [["LENGTH", [0.0]]]
+        rows, length = [["LENGTH", [0.0]]], position.length
     else:
         rows = [["ALONG", each] for each in position.directions.tolist()]
     if isinstance(rotation, RotationVector):
         rows += [["TURN", each] for each in np.eye(3).tolist()]
     elif rotation is not None:
         rows += [["TILT", each] for each in rotation.directions.tolist()]
-    return rows
+        axis2 = rotation.axis2
+    return rows, axis2, length
 
 
 def _law(loop):

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import warn
-from ..mechanism.joint_constraints import Coupling, Drive
+from ..mechanism.joint_constraints import JointConstraint
 from ..mechanism.loops import GROUND, Loop
 from .closures import Closure
 from .reading import Node, floats, log_left_out, require_known, shown
@@ -96,7 +96,7 @@ def sorted_records(records: Iterable) -> tuple[tuple, tuple, tuple]:
     """The loops, the couplings and drives, and the forces among records."""
     loops, couplings, forces = [], [], []
     for record in records:
-        if not isinstance(record, Loop | Closure | Coupling | Drive):
+        if not isinstance(record, Loop | Closure | JointConstraint):
             forces.append(record)
             continue
         (loops if isinstance(record, Loop | Closure) else couplings).append(record)

@@ -44,7 +44,7 @@ from ..mechanism import forces as laws
 from ..mechanism.contacts import CONTACTS
 from ..mechanism.curve import LAWS, Curve
 from ..mechanism.forces.actuators import Table
-from ..mechanism.joint_constraints import Coupling, Drive
+from ..mechanism.joint_constraints import Coupling, Drive, JointConstraint
 from ..mechanism.loops import LOOP_KINDS, Loop
 from ..mechanism.motion import Motion
 from ..mechanism.names import by_joint
@@ -109,7 +109,7 @@ def loop_entries(mechanism) -> list[dict]:
     entries = []
     for loop in mechanism.loops:
         what = f"{mechanism.name}: {loop.kind} {loop.name!r}"
-        if not isinstance(loop, Loop | Coupling | Drive):
+        if not isinstance(loop, Loop | JointConstraint):
             reason = "is a user-defined function, which a file cannot store; remove it by with_loops()"
             raise InputError(f"{what} {reason}")
         entry = {"name": loop.name, "kind": loop.kind} | _fields(loop, what)

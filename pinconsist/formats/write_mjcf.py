@@ -138,7 +138,7 @@ class _Writer:
             excess = text(loop.length - self._length0(loop))
             SubElement(self.equality, "tendon", name=loop.name, tendon1=loop.name, polycoef=f"{excess} 0 0 0 0")
         else:
-            raise Unsaid(f"MJCF has no equality like the loop {loop.name!r}, which is a {loop.kind}")
+            raise Unsaid(f"MJCF has no equality like the loop {loop.name!r}, of kind {loop.kind!r}")
 
     def _length0(self, loop) -> float:
         """The length of a distance at q = 0, from which MuJoCo counts."""

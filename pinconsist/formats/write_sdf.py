@@ -167,7 +167,7 @@ def _loop(model, parts: Said, loop):
         _points(model, parts, "distance_constraint", [parts.anchor(loop, end) for end in (1, 2)], distance=loop.length)
         return
     if loop.kind not in _LOOPS:
-        raise Unsaid(f"SDF has no joint like the loop {loop.name!r}, which is a {loop.kind}")
+        raise Unsaid(f"SDF has no joint like the loop {loop.name!r}, of kind {loop.kind!r}")
     (joint1, place1), (joint2, place2) = (parts.anchor(loop, end) for end in (1, 2))
     axes = [np.array(each) for each in (loop.axis, loop.axis2) if each is not None]
     pose1, pose2 = parts.poses[joint1] * place1, parts.poses[joint2] * place2

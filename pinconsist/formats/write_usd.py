@@ -218,7 +218,7 @@ class _Writer:
                     limit.CreateLowAttr(1.0)
                     limit.CreateHighAttr(-1.0)
         else:
-            raise Unsaid(f"USD has no joint like the loop {loop.name!r}, which is a {loop.kind}")
+            raise Unsaid(f"USD has no joint like the loop {loop.name!r}, of kind {loop.kind!r}")
         made.CreateExcludeFromArticulationAttr(True)
 
     def _coupling(self, coupling):

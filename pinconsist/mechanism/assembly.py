@@ -286,7 +286,7 @@ def _driven(solver, held, q) -> set[str]:
     """The joints in `held` that a drive moves; AssemblyError if a drive contradicts their values in `q`."""
     found = set()
     for row in solver.loop_rows.closures:
-        if row.loop.kind == "drive" and row.loop.joint in held:
+        if isinstance(row.loop, Drive) and row.loop.joint in held:
             found.add(row.loop.joint)
             (value,) = coordinates(solver.model, row.loop.joint, q)
             (gap,) = solver.rows(q)[0][solver.loop_rows.slices[row.loop.name]]
@@ -339,7 +339,7 @@ def velocity_on_constraints(solver: LoopSolver, q, v=None, kept=None, before=Non
         rows = solver.loop_rows.closures if isinstance(v, Mapping) else ()
         if len(J) == mechanism.nv:
             advice = "loops and drives determine all velocities; leave them out"
-        if driven := [row for row in rows if row.loop.kind == "drive" and row.loop.joint in v]:
+        if driven := [row for row in rows if isinstance(row.loop, Drive) and row.loop.joint in v]:
             given = ", ".join(f"{row.loop.name!r} gives {row.loop.joint} {-row.rate(t, q)[0]:.6g}" for row in driven)
             advice = f"drive {given} at t = {t:g} s; leave out the driven joints"
         raise AssemblyError(

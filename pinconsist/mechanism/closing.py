@@ -193,7 +193,7 @@ def held_motors(mechanism, q) -> list[str]:
     """The motorised joints that cannot move independently at a closed configuration; drives are not considered."""
     from scipy.linalg import qr
 
-    solver = LoopSolver(mechanism.with_loops(*(loop for loop in mechanism.loops if loop.kind != "drive")))
+    solver = LoopSolver(mechanism.with_loops(*(loop for loop in mechanism.loops if not isinstance(loop, Drive))))
     every = range(mechanism.nv)
     columns = [(column, joint) for joint in mechanism.actuated for column in every[mechanism.columns(joint)]]
     free, able = free_motions(solver.rows(q)[1], solver.loop_rows.turns)[[column for column, _ in columns]], []

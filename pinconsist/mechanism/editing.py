@@ -15,7 +15,7 @@ from .correction import Walk
 from .forces import Actuator, Bushing, FluidDrag, Piecewise, SpringDamper, Torque, Wrench
 from .forces.force import ForceRecord
 from .forces.held import HeldRecord
-from .joint_constraints import Coordinate, Coupling, Drive
+from .joint_constraints import Coordinate, Drive, JointConstraint
 from .lie import difference
 from .loops import LOOP_KINDS, Loop
 from .names import by_joint
@@ -174,9 +174,9 @@ def _loop(loop, mechanism, smaller, locked, state):
     if isinstance(loop, Loop):
         if body_of(smaller, loop.frame1) != body_of(smaller, loop.frame2):
             return loop
-    elif isinstance(loop, Coupling | Drive):
-        joints = loop.joints if isinstance(loop, Coupling) else [loop.joint]
-        held, others = [each for each in joints if each in locked], [each for each in joints if each not in locked]
+    elif isinstance(loop, JointConstraint):
+        held = [joint for joint in loop.joints if joint in locked]
+        others = [joint for joint in loop.joints if joint not in locked]
         if not held:
             return loop
         refused = f"{mechanism.name}: joint {held[0]!r} cannot be locked"

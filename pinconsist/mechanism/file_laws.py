@@ -9,6 +9,7 @@ import numpy as np
 
 from .checks import choice
 from .contacts import DryFriction, Stop, limits_of
+from .joint_constraints import Drive
 
 LIMITS = ("watch", "stops", "off")
 FRICTION = ("smooth", "exact")
@@ -40,7 +41,7 @@ def with_limits(mech, limits):
         lines = tuple(line for line in mech.ignored if not _LINE.match(line))
         return replace(mech, model=model, ignored=lines)
     stopped = {each.joint for each in mech.contacts if isinstance(each, Stop)}
-    driven = {loop.joint for loop in mech.loops if loop.kind == "drive"}
+    driven = {loop.joint for loop in mech.loops if isinstance(loop, Drive)}
     names = {each.name for each in (*mech.contacts, *mech.loops)}
     stops = [
         Stop(joint, name="" if joint not in names else f"{joint} stop")

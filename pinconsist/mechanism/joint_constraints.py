@@ -84,8 +84,19 @@ class Rows:
         return False
 
 
+class JointConstraint:
+    """Base of constraints on joint coordinates, whose multiplier is the torque (or force) on the first of `joints`."""
+
+    name: str
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The names of all its joints."""
+        raise NotImplementedError
+
+
 @dataclass(frozen=True)
-class Drive:
+class Drive(JointConstraint):
     """Drive a joint along q_joint = curve(t); passed with the loops of a mechanism.
 
     Its multiplier is the motor torque that this requires, N·m (or N), positive along the joint's velocity.
@@ -136,6 +147,10 @@ class Drive:
             put(self, curve=spline_of(self.curve, f"{who}: its curve"))
         require_functions(self, who, "time", "curve", optional=("rate", "acceleration"))
         put(self, knots=knots_of(self.knots, f"{who}: knots"))
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        return (self.joint,)
 
 
 class DriveRow(Rows):
@@ -197,7 +212,7 @@ class DriveRow(Rows):
 
 
 @dataclass(frozen=True)
-class Coupling:
+class Coupling(JointConstraint):
     """Couple two joints: q_joint = offset + ratio·q_other + Σ higher[i]·q_other^(i+2); passed with the loops.
 
     Its multiplier is the generalised force on `joint`, N·m (or N for a sliding joint), positive along the joint's
@@ -260,7 +275,6 @@ class Coupling:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """The names of all its joints."""
         return tuple(joint for shares in self.shares for joint in shares)
 
 

@@ -46,7 +46,7 @@ def brief_times(system, t, q, v, intervals) -> np.ndarray:
 
 def _acting(system, drives, t, q, v):
     forces = system.sharp_force(t, q, v) if system.may_act_later else np.zeros(0)
-    curves = [closure.loop.curve(t) if closure.loop.kind == "drive" else closure.rate(t, q) for closure in drives]
+    curves = [closure.loop.curve(t) if isinstance(closure.loop, Drive) else closure.rate(t, q) for closure in drives]
     return np.hstack((forces, *curves))
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..engine.pivots import pivoted
 from ..errors import SingularSystemError
+from .joint_constraints import Drive
 from .names import joints_in
 
 RANK_TOLERANCE = 1e-8
@@ -97,7 +98,7 @@ def require_nonsingular(system, q) -> None:
 
 def _look_for_singularity(system, q) -> None:
     rows, name = system.rows, system.mechanism.name
-    drives = [loop.name for loop in rows.loops if loop.kind == "drive"]
+    drives = [loop.name for loop in rows.loops if isinstance(loop, Drive)]
     others = [row for row, (loop, _) in enumerate(rows.labels) if loop not in drives]
     if drives and system.nc < len(independent_rows(system.loop_rows(q)[1][others], rows.turns[others])) + len(drives):
         raise SingularSystemError(

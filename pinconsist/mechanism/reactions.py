@@ -15,6 +15,7 @@ from .checks import name as checked_name
 from .custom import Constraint
 from .forces.force import ForceRecord, label_of
 from .forces.piecewise import Piecewise
+from .joint_constraints import JointConstraint
 from .loops import Loop
 from .mechanism import Mechanism
 from .peaks import HasPeaks
@@ -61,16 +62,14 @@ class _Wrench(HasPeaks):
     shared_with: tuple[str, ...]
 
     def _sizes(self) -> list[str]:
-        parts = {
-            "force [N]": self.force,
-            "moment [N·m]": self.moment,
-            "torque [N·m or N]": getattr(self, "torque", None),
-        }
         return [
             f"{name} up to {np.linalg.norm(np.atleast_2d(part.T), axis=0).max(initial=0.0):.4g}"
-            for name, part in parts.items()
+            for name, part in self._parts().items()
             if part is not None
         ]
+
+    def _parts(self) -> dict[str, np.ndarray | None]:
+        return {"force [N]": self.force, "moment [N·m]": self.moment}
 
     def _doubts(self) -> str:
         if not self.not_unique:
@@ -137,6 +136,9 @@ class Reaction(_Wrench):
     resultant_force: np.ndarray | None = field(default=None, repr=False)
     resultant_moment: np.ndarray | None = field(default=None, repr=False)
     _at: Callable | None = field(default=None, repr=False)
+
+    def _parts(self):
+        return super()._parts() | {"torque [N·m or N]": self.torque}
 
     def __str__(self):
         size = np.abs(self.joint_forces).max(initial=0.0)
@@ -418,7 +420,7 @@ def _components(rows, member, parts) -> tuple[str, ...]:
     loop = next((each for each in rows.loops if kind == LOOP and each.name == name), None)
     names = WAYS
     if loop is not None and not isinstance(loop, Loop):
-        names = ("torque",) if loop.kind in ("drive", "coupling") else loop.rows
+        names = ("torque",) if isinstance(loop, JointConstraint) else loop.rows
     return tuple(name for name, part in zip(names, parts, strict=True) if part > PART)
 
 
@@ -480,7 +482,7 @@ def reactions(mechanism: Mechanism, names, t, q, lam, axes: str = "world", works
             t=read_only(t),
             force=read_only(wrenches[:, :3]) if anchored else None,
             moment=read_only(wrenches[:, 3:]) if anchored else None,
-            torque=read_only(its[:, 0].copy()) if loop.kind in ("drive", "coupling") else None,
+            torque=read_only(its[:, 0].copy()) if isinstance(loop, JointConstraint) else None,
             joint_forces=read_only(joint_forces),
             dependence=doubtful.get(loop.name),
         )

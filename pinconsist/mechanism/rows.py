@@ -18,7 +18,7 @@ from ..errors import InputError
 from .breakpoints import NONE, Breakpoints
 from .checks import frame_of, workspace
 from .custom import Constraint, ConstraintRows
-from .joint_constraints import Coupling, CouplingRow, Drive, DriveRow, Rows
+from .joint_constraints import Coupling, CouplingRow, Drive, DriveRow, JointConstraint, Rows
 from .loops import LOOP_KINDS, Loop, Position, RotationVector
 from .names import velocity_units
 
@@ -145,11 +145,10 @@ class LoopRows:
     def units(self) -> list[str]:
         """``rad`` or ``m`` for each row; empty for user-defined constraints."""
         units = ["rad" if turns else "m" for turns in self.turns]
-        of_joints = velocity_units(self.model) if any(isinstance(loop, Coupling | Drive) for loop in self.loops) else []
+        of_joints = velocity_units(self.model) if any(isinstance(loop, JointConstraint) for loop in self.loops) else []
         for loop, part in zip(self.loops, self.slices.values(), strict=True):
-            if isinstance(loop, Coupling | Drive):
-                first = next(iter(loop.shares[0])) if isinstance(loop, Coupling) else loop.joint
-                units[part.start] = of_joints[self.model.idx_vs[self.model.getJointId(first)]]
+            if isinstance(loop, JointConstraint):
+                units[part.start] = of_joints[self.model.idx_vs[self.model.getJointId(loop.joints[0])]]
             elif not isinstance(loop, Loop):
                 units[part] = [""] * (part.stop - part.start)
         return units

@@ -18,8 +18,10 @@ from ..mechanism.checks import frame_of, near
 from ..mechanism.contacts import contact_units
 from ..mechanism.energy import integrals
 from ..mechanism.forces import bound_forces
+from ..mechanism.joint_constraints import JointConstraint
 from ..mechanism.names import position_names, position_units, velocity_names, velocity_units
 from ..mechanism.peaks import Sought
+from ..mechanism.reactions import Reaction
 from ..mechanism.rows import LoopRows
 from .results import element_units, joint_of, torque_unit
 
@@ -315,7 +317,7 @@ def _wrench(run, asked, found, part) -> Series:
     values = getattr(found, part)
     if values is not None:
         return Series(values, {"force": "N", "moment": "N·m"}[part], AXES, vector=True)
-    if part == "force" and getattr(found, "torque", None) is not None:
+    if part == "force" and isinstance(found, Reaction) and found.torque is not None:
         rows = LoopRows.of(run.scene)
         return Series(found.torque, rows.multiplier_units[rows.slices[asked.name].start])
     raise InputError(f"{asked.text!r}: {asked.name!r} has no {part}; its multipliers: 'multipliers {asked.name}'")
@@ -368,7 +370,7 @@ def _torque(run, asked) -> Series:
         every = velocity_names(run.scene.model)
         parts = [every[k] for k in range(run.scene.nv)[run.scene.columns(asked.name)]] if own else every
         return Series(values, "", tuple(parts))
-    drives = {loop.name: loop.joint for loop in run.scene.loops if loop.kind in ("drive", "coupling")}
+    drives = {loop.name: loop.joints[0] for loop in run.scene.loops if isinstance(loop, JointConstraint)}
     joint = drives.get(asked.name) or asked.name.partition("[")[0]
     if joint not in run.scene.joints:
         joint = joint_of(run.scene, run.solution._label(run.scene, asked.name))

@@ -16,7 +16,7 @@ from ..mechanism.energy import torques_of
 from ..mechanism.forces import bound_forces
 from ..mechanism.forces.actuators import Actuator
 from ..mechanism.forces.held import sided
-from ..mechanism.joint_constraints import Drive
+from ..mechanism.joint_constraints import Drive, JointConstraint
 from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.names import position_names, position_units, velocity_names, velocity_units
@@ -209,7 +209,7 @@ class ByName:
         :meth:`check`. Raises InputError for other names.
         """
         mechanism = self._mechanism(mechanism, "torque")
-        loops = {loop.name: loop for loop in mechanism.loops if loop.kind in ("drive", "coupling")}
+        loops = {loop.name: loop for loop in mechanism.loops if isinstance(loop, JointConstraint)}
         if checked_name(name, "torque(): the force, drive or joint") in loops:
             row: int = LoopRows.of(mechanism).slices[name].start
             return self.lam[:, row]
@@ -280,7 +280,7 @@ class ByName:
         if name in forces or len(begin) == 1:
             return name if name in forces else begin[0]
         if name.partition("[")[0] not in mechanism.joints:
-            loops = (loop.name for loop in mechanism.loops if loop.kind in ("drive", "coupling"))
+            loops = (loop.name for loop in mechanism.loops if isinstance(loop, JointConstraint))
             known = near(name, [*forces, *loops, *mechanism.joints])
             there = f"the forces are {', '.join(forces) or 'none'}"
             raise InputError(f"{mechanism.name}: no force, drive or joint {name!r}{known}; {there}")
@@ -378,7 +378,7 @@ class ByName:
             for what, unit in ("force", "N"), ("moment", "N·m"):
                 for k, axis in enumerate("xyz" if getattr(found, what) is not None else ""):
                     yield f"{what}.{name}.{axis}", unit, getattr(found, what)[:, k], f"{what} {axis}" not in doubted
-            if getattr(found, "torque", None) is not None:
+            if isinstance(found, Reaction) and found.torque is not None:
                 unit = LoopRows.of(mechanism).multiplier_units[LoopRows.of(mechanism).slices[name].start]
                 yield f"torque.{name}", unit, found.torque, not doubted
             return

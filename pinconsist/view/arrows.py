@@ -6,6 +6,7 @@ import numpy as np
 
 from ..mechanism.energy import torques_of
 from ..mechanism.forces import Wrench
+from ..mechanism.joint_constraints import Drive
 from ..mechanism.loops import Loop
 from ..mechanism.names import body_names
 from ..mechanism.reactions import reactions
@@ -74,7 +75,7 @@ def actions(run: Run, poses: np.ndarray, size: float, without=frozenset()) -> li
         loop = loops[found.loop]
         if isinstance(loop, Loop):
             out += _of_loop(run, poses, loop, found)
-        elif loop.kind == "drive":
+        elif isinstance(loop, Drive):
             out += _on_joints(run, poses, loop.name, found.joint_forces)
     for wrench in (each for each in run.mech.forces if isinstance(each, Wrench)):
         out += _applied(run, wrench)
