@@ -1,9 +1,11 @@
 """A mechanism with contacts is either understood or refused by name: nothing leaves its contacts out in silence."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.command_line import called
 
 import pinconsist as pc
 
@@ -53,6 +55,46 @@ def test_what_a_file_and_a_record_say_of_contacts(touching, tmp_path):
     other = touching.with_contacts(replace(contact, name="other"))
     assert pc.rerun(run, scene=touching).same
     assert "different contacts" in str(pc.rerun(run, scene=other).differences)
+
+
+def test_a_record_keeps_in_which_direction_contacts_slide(tmp_path):
+    """A joint with dry friction that bounces slides to and fro without rest; the friction turns with it."""
+    mech = pc.load("planar_pendulum").with_contacts(
+        pc.Stop("pendulum", upper=0.5, lower=-2.0, restitution=0.6), pc.DryFriction("pendulum", 0.5)
+    )
+    sol = pc.simulate(mech, (0.0, 1.5), {"pendulum": 0.4}, {"pendulum": 6.0})
+    for save_every in (None, 0.3):
+        options = {} if save_every is None else {"save_every": save_every}
+        kept = pc.record(mech, (0.0, 1.5), tmp_path / f"{save_every}", {"pendulum": 0.4}, {"pendulum": 6.0}, **options)
+        assert len(kept.impacts) == len(sol.impacts) > 1
+        directions = [np.sign(run.contact("pendulum friction").force) for run in (sol, kept)]
+        assert len(kept.contacts.tables) == len(sol.contacts.tables)
+        assert set(directions[0]) == set(directions[1]) >= {-1.0, 1.0}
+        assert kept.check().force < 1e-6
+
+
+def test_check_tells_contacts_and_counts_only_limits_without_a_stop(tmp_path, capsys):
+    robot = (
+        '<robot name="bar"><link name="wall"/><link name="bar"><inertial><mass value="1"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><link name="tip"><inertial>'
+        '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    )
+    for joint, parent, child in (("swing", "wall", "bar"), ("wrist", "bar", "tip")):
+        robot += (
+            f'<joint name="{joint}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+            '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        )
+    path = tmp_path / "bar.urdf"
+    path.write_text(robot + "</robot>")
+    path.with_suffix(".yaml").write_text("contacts: [{kind: stop, joint: swing, restitution: 0.3}]")
+    code, out, _ = called(capsys, "check", path)
+    rows = [line.split() for line in out.splitlines()]
+    assert code == 0 and "swing stop joint swing, restitution 0.3".split() in rows
+    assert "without effect: limits of 1 joint (watched, not enforced)" in out
+    told = json.loads(called(capsys, "check", path, "--json")[1])
+    assert told["contacts"] == [{"kind": "stop", "joint": "swing", "restitution": 0.3, "name": "swing"}]
+    path.with_suffix(".yaml").write_text("contacts: [{kind: stop, joint: swung}]")
+    assert "no joint 'swung'; similar: swing" in called(capsys, "check", path)[2]
 
 
 def test_the_referee_leaves_them_out_and_says_so(touching):

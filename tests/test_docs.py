@@ -27,6 +27,13 @@ PAGES.remove(DOCS / "architecture.md")  # a graph
 PAGES.remove(DOCS / "gallery.md")  # whose commands are run when the site is built
 
 
+def test_every_command_is_on_the_page_of_the_commands():
+    from pinconsist.cli.app import app
+
+    told = re.findall("^## `pinconsist (.*)`$", (DOCS / "commands.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert sorted(told) == sorted(command.name for command in app.registered_commands)
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_code_on_the_pages(page, tmp_path, monkeypatch, capsys):
     """In its order, as a reader would try it: files are saved, commands run, outputs compared."""

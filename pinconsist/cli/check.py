@@ -186,16 +186,24 @@ def _print_inventory(mech):
         rows = []
         for loop in mech.loops:
             shown = {name: value for name, value in _fields(loop).items() if name not in ("joint", "other") and value}
-            by = ", ".join(
-                f"{name} {value if isinstance(value, str) else scene.text(value)}" for name, value in shown.items()
-            )
-            rows.append((loop.name, loop.kind, len(loop.rows), *_ends(loop), by))
+            rows.append((loop.name, loop.kind, len(loop.rows), *_ends(loop), _shown(shown)))
         output.table(("loop", "kind", "rows>", "connects", "to", "with"), rows)
     else:
         print("loops: none (a plain tree); a loop file next to it, or --loops FILE, adds loops\n")
+    if mech.contacts:
+        rows = [(record.pop("name"), record.pop("kind"), _shown(record)) for record in about["contacts"]]
+        output.table(("contact", "kind", "with"), rows)
+
+
+def _shown(values) -> str:
+    """The fields of a record in one line."""
+    return ", ".join(
+        f"{name} {value if isinstance(value, str) else scene.text(value)}" for name, value in values.items()
+    )
 
 
 def _inventory(mech) -> dict:
+    from ..formats.records import contact_entries
     from ..mechanism.forces import bound_forces
 
     return {
@@ -206,6 +214,7 @@ def _inventory(mech) -> dict:
             {"name": loop.name, "kind": loop.kind, "ends": _ends(loop), "rows": loop.rows} | _fields(loop)
             for loop in mech.loops
         ],
+        "contacts": contact_entries(mech),
     }  # fmt: skip
 
 

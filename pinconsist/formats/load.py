@@ -12,7 +12,7 @@ import pinocchio as pin
 from ..errors import FormatError, InputError, warn
 from ..mechanism.checks import choice, flag, number, several
 from ..mechanism.contacts import Contact, DryFriction, Stop
-from ..mechanism.file_laws import FRICTION, LIMITS, with_dry_friction, with_limits
+from ..mechanism.file_laws import FRICTION, LIMITS, with_dry_friction, with_limits, without_stopped
 from ..mechanism.loops import GROUND, Loop, anchor
 from ..mechanism.mechanism import Geometry, Mechanism
 from ..mechanism.names import is_revolute
@@ -186,7 +186,7 @@ def read_scene(
     warn_of_units(path, model)
     warn_of_degrees(loop_path, _angles(record, model))
     closures = _closed_by(closures, closure)
-    ignored, touching = (*robot.ignored, *record.ignored), ()
+    ignored, touching = without_stopped((*robot.ignored, *record.ignored), model, record.contacts), ()
     if ground is not False:
         friction = None if ground is True else number(ground, "ground", least=0.0)
         rule = min if reader == "sdf" else max

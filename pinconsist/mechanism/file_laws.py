@@ -50,8 +50,14 @@ def with_limits(mech, limits):
     ]
     if not stops:
         return mech
-    lines = (_fewer(line, len(stops)) for line in mech.ignored)
-    return replace(mech.add_contacts(*stops), ignored=tuple(filter(None, lines)))
+    return replace(mech.add_contacts(*stops), ignored=without_stopped(mech.ignored, mech.model, stops))
+
+
+def without_stopped(lines, model, contacts) -> tuple[str, ...]:
+    """The lines about what has no effect, without the limits of joints that now have a stop."""
+    stopped = {each.joint for each in contacts if isinstance(each, Stop)}
+    count = sum(model.existJointName(joint) and limits_of(model, joint) != (None, None) for joint in stopped)
+    return tuple(filter(None, (_fewer(line, count) for line in lines)))
 
 
 def _fewer(line, count) -> str:

@@ -127,10 +127,9 @@ class ContactHistory:
         starts, tables, impacts = [], [], []
         for part, end in parts:
             count = sum(start <= end for start in part.starts)
-            for start, table in list(zip(part.starts, part.tables, strict=True))[:count]:
-                if not tables or [mode.kind for mode in tables[-1]] != [mode.kind for mode in table]:
-                    starts.append(start)
-                    tables.append(table)
+            continued = bool(tables) and _laws(tables[-1]) == _laws(part.tables[0])
+            starts += part.starts[continued:count]
+            tables += part.tables[continued:count]
             impacts += [each for each in part.impacts if each.t <= end]
         first = parts[0][0]
         return ContactHistory(
@@ -183,12 +182,16 @@ class ContactHistory:
 
     def laws(self, t) -> tuple:
         """The laws of friction at a time: what each element does and, along a line, in which direction it slides."""
-        table = self.tables[self.index(t)]
-        return tuple((mode.kind, mode.direction if len(mode.direction) == 1 else ()) for mode in table)
+        return _laws(self.tables[self.index(t)])
 
     def index(self, t) -> int:
         """The table that holds at a time, of two at a time of change the later one."""
         return max(bisect_right(self.starts, t) - 1, 0)
+
+
+def _laws(table) -> tuple:
+    """What each element does and, along a line, in which direction it slides."""
+    return tuple((mode.kind, mode.direction if len(mode.direction) == 1 else ()) for mode in table)
 
 
 def _plain(value):
