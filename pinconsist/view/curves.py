@@ -92,11 +92,11 @@ def _curves(some: Run, run: Run, size: float, without, planar: bool):
     for name, unit, values in zip(position_names(model), position_units(model), some.q.T, strict=True):
         if unit:
             yield {"rad": "angles", "m": "positions"}[unit], unit, name, values, {}
-    for name, unit in ("h", "s"), ("order", ""):
-        values = np.asarray(getattr(source, name, ()), float)
+    for name, group, unit, of_steps in ("h", "step", "s", source.h), ("order", "order", "", source.order):
+        values = np.asarray(of_steps, float)
         if len(run.t) > 1 and values.shape == (len(run.t) - 1,):
             reached = values[(np.searchsorted(run.elapsed, some.elapsed) - 1).clip(0)]
-            yield {"h": "step", "order": "order"}[name], unit, name, np.where(reached > 0, reached, np.nan), {}
+            yield group, unit, name, np.where(reached > 0, reached, np.nan), {}
     yield from _of_joints(some, size, without)
 
 
@@ -122,7 +122,7 @@ def _of_contacts(some: Run, poses):
         group = "forces" if action.kind == FORCE else "torques"
         values = action.norms if action.on_joint is None else action.on_joint
         yield group, UNITS[action.kind], action.name, values, {"of": action.of}
-    if getattr(some.source, "contacts", None) is None or len(some.source.t) != len(some.t):
+    if some.source.contacts is None or len(some.source.t) != len(some.t):
         return
     names = [each.name for each in some.mech.contacts if each.has_gap]
     for name in names:
@@ -153,9 +153,11 @@ def _word(loop, planar: bool) -> str:
 
 def _energies(run: Run) -> dict[str, np.ndarray]:
     """Energies minus those at the start, for solutions that have them."""
+    if run.is_bare:
+        return {}
     try:
         energy = run.source.energy(run.source.mechanism or run.mech)
-    except (AttributeError, InputError):
+    except InputError:
         return {}
     kinds = {name: getattr(energy, name) for name in ("kinetic", "potential", "elastic", "total")}
     return {f"{name}, since the start": values - values[0] for name, values in kinds.items() if values.any()}
@@ -165,7 +167,7 @@ def verdicts(runs: list[Run]) -> list[dict]:
     """The verdict on each run, that of :meth:`Solution.check`, or why there is none."""
     out = []
     for run in runs:
-        if not hasattr(run.source, "check"):
+        if run.is_bare:
             continue
         try:
             certificate = _certificate(run)
@@ -194,6 +196,6 @@ def _certificate(run: Run):
 
 def _not_unique(run: Run) -> set[str]:
     """The loops, and joints by `of_joint`, whose forces are not unique, if the run has its verdict."""
-    certificate = getattr(run.source, "certificate", None)
+    certificate = run.source.certificate
     names = certificate.not_unique if certificate else ()
     return {*names, *map(of_joint, names)}

@@ -13,16 +13,34 @@ ROUNDS = 4  # of such points
 log = logging.getLogger(__name__)
 
 
+class Arrays:
+    """Rows that are no Solution, for instance those of another program; it has nothing of what else a run knows."""
+
+    certificate = contacts = mechanism = system = None
+    h = order = ()
+
+    def __init__(self, rows):
+        self.method: dict = {}
+        self.held: dict = {}
+        for name in ("t", "q", "v", "lam"):
+            if hasattr(rows, name):
+                setattr(self, name, getattr(rows, name))
+
+
+def as_solution(rows):
+    """A Solution as it is, and other objects with its arrays as :class:`Arrays`."""
+    return rows if hasattr(rows, "evaluate") else Arrays(rows)
+
+
 def is_continuous(sol) -> bool:
     """Whether the states between the rows of a result can be computed.
 
     Multipliers of fixed steps of BDF, and those from exact initial values, have an error of their own, which is shown
     as it is, by lines between rows.
     """
-    about = getattr(sol, "method", {})
-    fixed = about.get("step") is not None and about.get("method") != "Radau"
-    every = about.get("consistency") == "every-step"
-    return hasattr(sol, "at") and every and not fixed and len(sol.t) > 1
+    fixed = sol.method.get("step") is not None and sol.method.get("method") != "Radau"
+    every = sol.method.get("consistency") == "every-step"
+    return every and not fixed and len(sol.t) > 1
 
 
 def filled(sol, scene=None, rows=None):

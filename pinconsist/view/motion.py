@@ -21,7 +21,7 @@ from ..mechanism.lie import interpolate
 from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.rows import Workspace
-from .filled import is_continuous, only
+from .filled import Arrays, as_solution, is_continuous, only
 
 MAX_FRAMES = 3000
 log = logging.getLogger(__name__)
@@ -46,21 +46,25 @@ class Run:
     def of(cls, mech: Mechanism, sol, title: str = "", *, forces: bool = False) -> Run:
         """The run of a solution; InputError for one that does not fit its mechanism."""
         require_mechanism(mech, "a replay")
+        given, sol = sol, as_solution(sol)
         mech = _as_simulated(mech, sol)
-        if forces or getattr(sol, "held", None):
+        if forces or sol.held:
             mech = replayed(mech, sol)
-        columns = _columns(mech, sol, forces)
+        columns = _columns(mech, given, forces)
         t = columns["t"]
         elapsed = np.abs(t - t[0])
         if np.any(np.diff(elapsed) < 0):
             raise InputError("the solution's times run both forward and backward")
-        consistency = getattr(sol, "method", {}).get("consistency", "")
-        return cls(mech, title, consistency, elapsed, source=sol, **columns)
+        return cls(mech, title, sol.method.get("consistency", ""), elapsed, source=sol, **columns)
 
     def workspace(self) -> Workspace:
         """The workspace for measurements: that of the solution, which may evaluate all rows at once."""
-        of_solution = getattr(self.source, "_workspace", Workspace)
-        return of_solution(self.mech.model)
+        return Workspace(self.mech.model) if self.is_bare else self.source._workspace(self.mech.model)
+
+    @property
+    def is_bare(self) -> bool:
+        """Whether it is no Solution, but arrays only."""
+        return isinstance(self.source, Arrays)
 
     def at(self, elapsed: np.ndarray) -> Run:
         """The run at other times, shape (m,), in order; at rest after its end.
@@ -114,7 +118,7 @@ class Run:
 
 def accelerations_of(run: Run) -> np.ndarray | None:
     """The accelerations at the rows of a run, (n, nv); None if they cannot be computed."""
-    if run.v is None or run.lam is None or not hasattr(run.source, "acceleration"):
+    if run.v is None or run.lam is None or run.is_bare:
         return None
     try:
         rows = only(run.source, slice(0, 0))
@@ -125,7 +129,7 @@ def accelerations_of(run: Run) -> np.ndarray | None:
 
 def without_forces(run: Run) -> str:
     """Why what needs the forces of the run is not known; empty if it is."""
-    if not hasattr(run.source, "acceleration"):
+    if run.is_bare:
         return ""
     try:
         only(run.source, slice(0, 1)).acceleration(None, run.mech)
@@ -169,7 +173,7 @@ def _columns(mech: Mechanism, sol, forces: bool) -> dict[str, np.ndarray]:
 
 def _as_simulated(mech: Mechanism, sol) -> Mechanism:
     """The mechanism with the forces of the run, those given to :func:`pinconsist.simulate` included."""
-    own = getattr(sol, "mechanism", None)
+    own = sol.mechanism
     if own is None or (own.nq, own.nv, own.nc) != (mech.nq, mech.nv, mech.nc):
         return mech
     return mech if own.forces is mech.forces else replace(mech, forces=own.forces)

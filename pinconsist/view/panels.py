@@ -14,7 +14,7 @@ from ..mechanism.checks import require_mechanism
 from ..mechanism.names import position_names, position_units, velocity_names
 from ..mechanism.reactions import States, not_determined, reactions, shared_loads, undetermined
 from ..mechanism.rows import LoopRows, Workspace
-from .filled import filled
+from .filled import as_solution, filled
 
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#222222", "#cc79a7", "#56b4e9")
 DASHES = ("-", "--", "-.", ":", (0, (6, 2, 1, 2, 1, 2)))
@@ -176,8 +176,9 @@ class DrawnSolution:
     """
 
     def __init__(self, sol, mech=None):
-        self.sol, self.system = sol, getattr(sol, "system", None)
-        self.mech = mech if mech is not None else getattr(self.system, "mechanism", None)
+        self.sol = as_solution(sol)
+        self.system = self.sol.system
+        self.mech = self.sol.mechanism if mech is None else mech
         if mech is not None:
             require_mechanism(mech, "a figure: mech=")
         missing = [name for name in ("t", "q", "v", "lam") if not hasattr(sol, name)]
@@ -208,7 +209,7 @@ class DrawnSolution:
         """The solution at the times of curves."""
         if self.mech is None and self.system is None:
             return self
-        of_file = self.mech if getattr(self.sol, "mechanism", None) is None else None
+        of_file = self.mech if self.sol.mechanism is None else None
         sol = filled(self.sol, of_file)
         return self if sol is self.sol else DrawnSolution(sol, self.mech)
 
@@ -349,7 +350,7 @@ def energy(left, right, drawn):
 def contacts(left, right, drawn):
     """The gaps of contacts, and the sizes of their forces, with a thin line at each impact."""
     mech, drawn = drawn.need_mechanism("contacts"), drawn.curves
-    if not mech.contacts or getattr(drawn.sol, "contacts", None) is None:
+    if not mech.contacts or drawn.sol.contacts is None:
         raise InputError("there are no contacts to draw: the mechanism has none, see mech.with_contacts()")
     found = {each.name: drawn.sol.contact(each.name, mech) for each in mech.contacts}
     gaps = {each.name: found[each.name].gap for each in mech.contacts if each.has_gap}

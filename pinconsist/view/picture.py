@@ -97,7 +97,7 @@ class DrawnRun:
 
     def _draw_contacts(self, number: int, size: float) -> list[np.ndarray]:
         """Draw planes and what touches; points around them, shape (n, k, 3) each."""
-        if not self.run.mech.contacts or getattr(self.run.source, "contacts", None) is None:
+        if not self.run.mech.contacts or self.run.source.contacts is None:
             return []
         found, planes = contacts.touching(self.run, self.bodies, size, self.speed)
         names = self.run.mech.joints
