@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -123,3 +125,143 @@ def test_an_equality_of_bodies_that_do_not_move_is_told(tmp_path):
     )
     with pytest.warns(UserWarning, match="equality 'weld1': left out, its bodies do not move"):
         assert not pc.load(path).loops
+
+
+LINK = """<link name="{}"><inertial><mass>{}</mass><inertia><ixx>1</ixx><iyy>1</iyy><izz>1</izz></inertia></inertial>
+</link>"""
+AXIS = """<joint name="j" type="revolute"><parent>{}</parent><child>b</child><axis><xyz>0 1 0</xyz>
+<dynamics><damping>{}</damping></dynamics></axis></joint>"""
+
+
+def sdf(folder, text, version="1.5", name="m.sdf"):
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(f'<sdf version="{version}"><model name="m">{text}</model></sdf>')
+    return path
+
+
+def test_a_link_world_of_an_old_sdf_is_the_ground(tmp_path):
+    plain = pc.load(sdf(tmp_path, LINK.format("b", 1) + AXIS.format("world", 0)))
+    text = '<link name="world"/>' + LINK.format("b", 1) + AXIS.format("world", 0)
+    mech = pc.load(sdf(tmp_path, text))
+    assert mech.joints == plain.joints == ("j",)
+    assert "1 link 'world', which is the ground" in mech.ignored
+    with pytest.raises(pc.FormatError, match="link 'world': the name is reserved"):
+        pc.load(sdf(tmp_path, text, "1.7"))
+
+
+def test_an_empty_number_is_the_default_of_sdf_unless_it_is_needed(tmp_path):
+    mech = pc.load(sdf(tmp_path, LINK.format("a", "") + LINK.format("b", 3) + AXIS.format("a", "")))
+    assert mech.model.inertias[1].mass == 3.0 and not mech.model.damping.any()
+    empty = (LINK.format("a", 1) + LINK.format("b", 1)).replace("<iyy>1", "<iyy>")
+    with pytest.raises(pc.FormatError, match="iyy: '' is not a finite number"):
+        pc.load(sdf(tmp_path, empty + AXIS.format("a", 1)))
+
+
+def test_a_prefix_of_an_attribute_need_not_be_declared(tmp_path):
+    surface = """<collision name="c"><geometry><sphere><radius>1</radius></sphere></geometry><surface><friction><ode>
+    <fdir1 gz:expressed_in="b">1 0 0</fdir1></ode></friction></surface></collision></link>"""
+    text = LINK.format("b", 1).replace("</link>", surface) + AXIS.format("world", 1)
+    assert pc.load(sdf(tmp_path, text)).nv == 1
+
+
+def test_a_package_is_found_by_the_name_in_its_package_xml(tmp_path):
+    home = tmp_path / "checkout"
+    arm = sdf(home / "models", LINK.format("b", 1) + AXIS.format("world", 1), name="arm.sdf")
+    (home / "package.xml").write_text("<package><name>robots</name></package>")
+    given = "directives:\n- add_model: {name: arm, file: package://robots/models/arm.sdf}\n"
+    places = tmp_path / "elsewhere", home / "scenes"
+    for place in places:
+        place.mkdir()
+        (place / "scene.dmd.yaml").write_text(given)
+    assert arm.is_file()
+    with pytest.raises(pc.FormatError, match="there is no such model beside the file"):
+        pc.load(places[0] / "scene.dmd.yaml")
+    for place, folders in ((places[1], []), (places[0], [home]), (places[0], [tmp_path])):
+        assert pc.load(place / "scene.dmd.yaml", package_dirs=folders).nv == 1
+
+
+def test_a_xacro_argument_that_is_missing_is_named_without_quotes(tmp_path):
+    pytest.importorskip("xacro")
+    path = tmp_path / "r.xacro"
+    text = CHAIN.replace('"a"', '"${n}_a"')
+    head = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="n" value="$(arg '
+    for name in ("n", "'n'"):
+        path.write_text(f'{head}{name})"/>{text}</robot>')
+        with pytest.raises(pc.FormatError, match=r"pass it: args={'n': …}"):
+            pc.load(path)
+    path.write_text(f'{head}n)"/>{text}</robot>')
+    assert pc.load(path, args={"n": "x"}).nv == 2
+
+
+def test_what_tinyxml_skips_is_skipped(tmp_path):
+    pytest.importorskip("mujoco")
+    text = f"<worldbody>{BODY.format('a', 'a', '')}</worldbody> <!-\\- not a comment -\\->"
+    assert pc.load(mjcf(tmp_path, text)).nv == 1
+
+
+def test_a_tendon_and_an_equality_of_one_name_are_two(tmp_path):
+    pytest.importorskip("mujoco")
+    bodies = BODY.format("a", "a", BODY.format("b", "b", ""))
+    tendon = """<tendon><fixed name="t" frictionloss="0.1"><joint joint="a_hinge" coef="1"/>
+      <joint joint="b_hinge" coef="-1"/></fixed></tendon><equality><tendon name="t" tendon1="t"/></equality>"""
+    mech = pc.load(mjcf(tmp_path, f"<worldbody>{bodies}</worldbody>{tendon}"))
+    assert [loop.name for loop in mech.loops] == ["t", "t (2)"]
+    assert pc.assemble(mech).mobility == 1
+
+
+def test_a_process_with_a_limit_of_its_own_expands_xacro(tmp_path):
+    resource = pytest.importorskip("resource")
+    pytest.importorskip("xacro")
+    path = tmp_path / "r.xacro"
+    path.write_text(f'<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{CHAIN}</robot>')
+    command = "import sys, pinconsist as pc; sys.exit(pc.load(sys.argv[1]).nv != 2)"
+    limits = (resource.RLIMIT_CPU, (15, 15))  # less than what the reader allows
+    subprocess.run(
+        [sys.executable, "-c", command, str(path)], check=True, preexec_fn=lambda: resource.setrlimit(*limits)
+    )
+
+
+BODY_FILE = """format: ChoreonoidBody
+angleUnit: degree
+links:
+  - {{name: base, mass: 1, inertia: [1, 0, 0, 0, 1, 0, 0, 0, 1], jointType: free}}
+  - {{name: arm, parent: base, jointType: revolute, jointAxis: Y, {arm}, mass: 1, inertia: [1, 0, 0, 0, 1, 0, 0, 0, 1]}}
+  - {{name: belt, parent: base, jointType: {track}, jointAxis: Y, mass: 1, inertia: [1, 0, 0, 0, 1, 0, 0, 0, 1]}}
+"""
+
+
+@pytest.mark.parametrize("track", ["pseudo_continuous_track", "pseudoContinuousTrack", "fixed"])
+def test_a_track_of_choreonoid_is_fixed(tmp_path, track):
+    """As Link::isFixedJoint says there."""
+    path = tmp_path / "r.body"
+    path.write_text(BODY_FILE.format(track=track, arm="jointAngle: 30, jointRange: 60, joint_axis_inertia: 0.3"))
+    mech = pc.load(path)
+    assert mech.joints == ("root_joint", "arm") or mech.nv == 7
+    assert any("track" in each for each in mech.ignored) == (track != "fixed")
+    q = mech.model.idx_qs[mech.model.getJointId("arm")]
+    np.testing.assert_allclose(mech.guess[q], np.pi / 6, rtol=1e-15)
+    np.testing.assert_allclose(mech.model.upperPositionLimit[q], np.pi / 3, rtol=1e-15)
+    assert mech.model.armature[-1] == 0.3 and mech.model.inertias[1].mass == 2.0
+
+
+def test_segments_of_openhrp_may_be_in_transforms(tmp_path):
+    segment = """DEF S Segment { mass 2 centerOfMass 0.1 0 0 momentsOfInertia [1 0 0 0 2 0 0 0 3] }"""
+    turned = (
+        "Transform { translation 0 0.5 0 rotation 0 0 1 1.5707963267948966 children [ Group { children [ %s ] } ] }"
+    )
+    text = """#VRML V2.0 utf8
+    DEF R Humanoid { humanoidBody [ DEF BASE Joint { jointType "fixed" children [
+      DEF J Joint { jointType "rotate" jointAxis 0 1 0 gearRatio 10 rotorInertia 1 equivalentInertia %s
+        children [ %s ] }
+    ] } ] }"""
+    path = tmp_path / "r.wrl"
+    path.write_text(text % ("0.25", turned % segment))
+    model = pc.load(path).model
+    inertia = model.inertias[1]
+    np.testing.assert_allclose(inertia.lever, [0, 0.6, 0], atol=1e-15)
+    np.testing.assert_allclose(inertia.inertia, np.diag([2.0, 1.0, 3.0]), atol=1e-15)
+    assert model.armature[0] == 0.25
+    path.write_text(text % ("0", turned % 'DEF K Joint { jointType "rotate" }'))
+    with pytest.raises(pc.FormatError, match="link 'J': it is in a Transform"):
+        pc.load(path)

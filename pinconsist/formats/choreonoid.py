@@ -5,11 +5,13 @@ along ``jointAxis`` from there. A link and its joint have one name: the body of 
 ``free`` root floats. Masses are those of the link, or of a ``RigidBody`` or ``Segment`` in it. The points of an extra
 joint, ``link1LocalPos`` and ``link2LocalPos``, coincide: ``ball`` (``xyz``) leaves all rotations, ``hinge``
 (``revolute``) those about its axis, ``fixed`` none. ``xy`` of OpenHRP, a point on an axis, is refused. ``rotorInertia``
-acts, multiplied by the square of ``gearRatio``, and the motors are the joints with a ``jointId``. Shapes are not shown.
+acts, multiplied by the square of ``gearRatio``, and the motors are the joints with a ``jointId``. A continuous track is
+fixed, as it is there. Shapes are not shown.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree.ElementTree import tostring
@@ -31,33 +33,24 @@ from .urdf import fixed_links
 from .webots import Vrml, parse
 
 DEEPEST, MOST = 100, 500_000  # levels, and values, with those that aliases repeat
-_TURNS, _SLIDES = ("revolute", "rotate", "hinge", "pseudo_continuous_track", "continuous"), ("prismatic", "slide")
+_TURNS, _SLIDES = ("revolute", "rotate", "hinge", "continuous"), ("prismatic", "slide")
+_TRACKS = ("pseudo_continuous_track", "pseudocontinuoustrack", "crawler")
+"""Joints that do not move in these programs: the surface of their link does, where it touches something."""
 _EXTRA = {"ball": "point", "xyz": "point", "spherical": "point", "fixed": "frame"}
 _EXTRA |= {"hinge": "hinge", "revolute": "hinge"}
 _AXES = {letter: tuple(float(letter == each) for each in "xyz") for letter in "xyz"}
 _NAMES = {  # in both kinds of files; those of the second format of Choreonoid have underscores
     "jointType": "joint_type", "jointAxis": "joint_axis", "jointId": "joint_id", "centerOfMass": "center_of_mass",
     "rotorInertia": "rotor_inertia", "gearRatio": "gear_ratio", "jointRange": "joint_range",
+    "jointAngle": "joint_angle", "jointDisplacement": "joint_displacement", "actuationMode": "actuation_mode",
     "extraJoints": "extra_joints", "link1Name": "link1_name", "link2Name": "link2_name",
     "link1LocalPos": "link1_local_pos", "link2LocalPos": "link2_local_pos", "angleUnit": "angle_unit",
     "rootLink": "root_link",
     "link1LocalRotation": "link1_local_rotation", "link2LocalRotation": "link2_local_rotation",
 }  # fmt: skip
-_LINK = {
-    "name",
-    "parent",
-    "translation",
-    "rotation",
-    "mass",
-    "inertia",
-    "elements",
-    "type",
-    "jointAngle",
-    "joint_angle",
-}
-_LINK |= {"jointDisplacement", "joint_displacement", "initialJointDisplacement", "initial_joint_displacement"}
+_LINK = {"name", "parent", "translation", "rotation", "mass", "inertia", "elements", "type", "joint_axis_inertia"}
 _LINK |= set(_NAMES) | set(_NAMES.values())
-_HARMLESS = {"import", "on", "node", "equivalentInertia", "torqueConst", "encoderPulse", "rotorResistor", "lvlimit"}
+_HARMLESS = {"import", "on", "node", "torqueConst", "encoderPulse", "rotorResistor", "lvlimit"}
 _HARMLESS |= {
     "uvlimit",
     "limitOrientation",
@@ -68,7 +61,7 @@ _HARMLESS |= {
     "bboxCenter",
     "bboxSize",
 }
-_JOINT = {*_NAMES, "translation", "rotation", "children", "name", "llimit", "ulimit", *_HARMLESS}
+_JOINT = {*_NAMES, "equivalentInertia", "translation", "rotation", "children", "name", "llimit", "ulimit", *_HARMLESS}
 _SEGMENT = {"mass", "centerOfMass", "momentsOfInertia", "children", "name", "bboxCenter", "bboxSize", "coord"}
 _HUMANOID = {"humanoidBody", "joints", "segments", "sites", "name", "info", "version", "viewpoints", "translation"}
 _HUMANOID |= {"rotation", "scale", "center", "scaleOrientation", "bboxCenter", "bboxSize", "linkConnections"}
@@ -101,11 +94,12 @@ class Link:
     motor: bool = False
     armature: float = 0.0
     limits: tuple[float, ...] = ()
+    start: float = 0.0
 
     @property
     def body(self) -> str:
         """The name of the body, which is not that of its joint."""
-        return self.name if self.kind in ("free", "fixed", "") else f"{self.name}_link"
+        return self.name if self.kind in ("free", "fixed", "", *_TRACKS) else f"{self.name}_link"
 
 
 @dataclass
@@ -158,6 +152,7 @@ def read(path: Path, name: str, folders, *, ignore=()) -> RobotFile:
     for link in (each for each in contents.links if each.armature and model.existJointName(each.name)):
         model.armature[model.idx_vs[model.getJointId(link.name)]] = link.armature
     warn_of_inertias(path, moving_inertias("link", inertias, model))
+    guess |= {link.name: link.start for link in contents.links if link.start and model.existJointName(link.name)}
     loops = tuple(_loop(extra, bodies) for extra in contents.extra)
     actuated = tuple(link.name for link in contents.links if link.motor and model.existJointName(link.name))
     return RobotFile(model, _without_shapes(inertias), loops, (), (), guess, actuated, contents.ignored.lines())
@@ -173,6 +168,8 @@ def _joint(link, bodies, ignored) -> Joint:
         kind = "revolute" if link.kind in _TURNS else "prismatic"
     elif link.kind == "ball":
         kind = "ball"
+    elif link.kind in _TRACKS:
+        ignored.add("continuous track, which does not run")
     elif link.kind not in ("fixed", ""):
         raise FormatError(f"the joint type {link.kind[:40]!r} is not supported", element=f"link {link.name[:60]!r}")
     limits = dict(zip(("lower", "upper"), link.limits, strict=False))
@@ -296,17 +293,30 @@ def _link(each, radian, ignored) -> Link:
         if key not in _LINK and key not in _HARMLESS:
             ignored.add(f"<{key}> of links")
     kind = str(each.get("jointType", "fixed" if each.get("parent") else "free")).lower()
-    rotor = float(_numbers(each, "rotorInertia", 1, element, 0.0)[0])
-    ratio = float(_numbers(each, "gearRatio", 1, element, 1.0)[0])
-    given = each.get("jointRange")
-    ends = [finite(end) for end in given] if isinstance(given, list) else []
+    if each.get("actuationMode") == "jointSurfaceVelocity":
+        kind = _TRACKS[0]
     factor = radian if kind in _TURNS else 1.0
-    limits = tuple(end * factor for end in ends) if None not in ends else ()
+    given = each.get("jointRange")
+    given = [given] if given is not None and not isinstance(given, list) else given or []
+    ends = [finite(end) for end in given]
+    limits = tuple(end * factor for end in ends if end is not None) if None not in ends else ()
+    limits = (-limits[0], limits[0]) if len(limits) == 1 else limits
     moving = kind in (*_TURNS, *_SLIDES)
     axis = _axis(each, element) if moving else np.array([0.0, 0.0, 1.0])
     parent = str(each.get("parent") or WORLD)
     motor = moving and each.get("jointId") is not None and finite(each["jointId"]) not in (None, -1.0)
-    return Link(name, parent, place, kind, axis, inertia, motor, rotor * ratio**2, limits)
+    start = _number(each, "jointDisplacement", element, _number(each, "jointAngle", element)) * factor
+    armature = _number(each, "joint_axis_inertia", element, _rotor(each, element))
+    return Link(name, parent, place, kind, axis, inertia, motor, armature, limits, start)
+
+
+def _number(given, key, element, default=0.0) -> float:
+    return float(_numbers(given, key, 1, element, default)[0])
+
+
+def _rotor(given, element) -> float:
+    """The inertia of a rotor as its joint feels it."""
+    return _number(given, "rotorInertia", element) * _number(given, "gearRatio", element, 1.0) ** 2
 
 
 def _inside(elements, place, element, radian, ignored, depth) -> pin.Inertia:
@@ -391,21 +401,35 @@ def _visit(node: Vrml, parent, found, depth):
         raise FormatError("a Joint has no name (DEF)")
     inertia = pin.Inertia.Zero()
     _count_fields(node, _JOINT, found.ignored)
-    for segment in (each for each in node.nodes("children") if each.type == "Segment"):
-        _count_fields(segment, _SEGMENT, found.ignored)
-        inertia = inertia + _inertia(segment, "momentsOfInertia", element)
+    inner = list(_within(node, pin.SE3.Identity(), 0))
+    for segment, place in inner:
+        if segment.type == "Segment":
+            _count_fields(segment, _SEGMENT, found.ignored)
+            inertia = inertia + place.act(_inertia(segment, "momentsOfInertia", element))
     kind, limits = node.word("jointType").lower(), []
     for key in ("llimit", "ulimit"):
         given = node.get(key)
         given = given[0] if isinstance(given, list) and given else given
         limits += [] if finite(given) is None else [float(given)]
-    rotor = float(_numbers(node, "rotorInertia", 1, element, 0.0)[0])
-    ratio = float(_numbers(node, "gearRatio", 1, element, 1.0)[0])
+    armature = _number(node, "equivalentInertia", element) or _rotor(node, element)
     moving = kind in (*_TURNS, *_SLIDES)
     motor = moving and int(node.number("jointId", -1.0)) >= 0
     axis = _axis(node, element) if moving else np.array([0.0, 0.0, 1.0])
     limits = tuple(limits) if len(limits) == 2 else ()
     place = _place(node, element, 1.0)
-    found.links.append(Link(name, parent, place, kind, axis, inertia, motor, rotor * ratio**2, limits))
-    for child in node.nodes("children"):
+    found.links.append(Link(name, parent, place, kind, axis, inertia, motor, armature, limits))
+    for child, place in inner:
+        if child.type == "Joint" and not place.isIdentity():
+            raise FormatError("it is in a Transform; give its own translation and rotation", element=element)
         _visit(child, name, found, depth + 1)
+
+
+def _within(node: Vrml, place, depth) -> Iterator[tuple[Vrml, pin.SE3]]:
+    """The nodes in a Joint and their poses on it; they may be in Groups and Transforms."""
+    if depth > DEEPEST:
+        raise FormatError(f"nodes are nested more than {DEEPEST} deep")
+    for child in node.nodes("children"):
+        if child.type in ("Group", "Transform"):
+            yield from _within(child, place * _place(child, child.type, 1.0), depth + 1)
+        else:
+            yield child, place

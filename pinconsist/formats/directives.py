@@ -33,7 +33,7 @@ def read(path: Path, name: str, folders, *, ignore=()) -> RobotFile:
     """Read a file of directives; see the documentation of the module."""
     world = _World(path, folders, ignore)
     world.add(Path(os.path.abspath(path)), "", 0)
-    content = tostring(world.root)
+    content, folders = tostring(world.root), (*folders, *world.packages)
     robot = sdf.read(path, name, folders, ignore=ignore, content=content, floats=True)
     joints, start = list(robot.model.names)[1:], {}
     for joint, value in world.start.items():
@@ -54,6 +54,7 @@ class _World:
         self.start: dict[str, float] = {}  # joint, with its model → where the assembly starts
         self.ignored = Ignored()
         self._includes = Includes(path, folders, self.ignored, ignore)
+        self.packages = self._includes.packages
         self._models: dict[str, Element] = {}
         self._names: set[str] = set()  # of frames, with their models
         self._welded: set[str] = set()

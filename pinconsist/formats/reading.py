@@ -193,18 +193,22 @@ def parsed(content: bytes) -> Element:
 
 
 def _without_comments(content: bytes) -> bytes:
-    """The document without comments, which may have ``--`` for other parsers, and from its first ``<``; same lines."""
+    """The document without comments, which may have ``--`` for other parsers, and from its first ``<``; same lines.
+
+    Nor does it have ``<!`` without a name, which TinyXML skips.
+    """
 
     def lines(match):
         return b"\n" * match[0].count(b"\n")
 
     start = max(content.find(b"<"), 0)
-    return b"\n" * content[:start].count(b"\n") + re.sub(rb"(?s)<!--.*?-->", lines, content[start:])
+    return b"\n" * content[:start].count(b"\n") + re.sub(rb"(?s)<!--.*?-->|<![^\[A-Za-z][^>]*>", lines, content[start:])
 
 
 def _with_prefixes_bound(content: bytes) -> bytes:
-    """The document with undeclared tag prefixes, such as ``drake:``, declared in its root; many files need it."""
-    prefixes = set(re.findall(rb"<([A-Za-z_][\w.-]*):", content)) - set(re.findall(rb"xmlns:([\w.-]+)", content))
+    """The document with undeclared prefixes, such as ``drake:``, declared in its root; many files need it."""
+    used = re.findall(rb"(?:<|\s(?=[\w.:-]+\s*=))([A-Za-z_][\w.-]*):", content)  # of tags and of attributes
+    prefixes = set(used) - {b"xml", b"xmlns"} - set(re.findall(rb"xmlns:([\w.-]+)", content))
     root = next((m for m in re.finditer(rb"(?s)<!--.*?-->|<\?.*?\?>|<([A-Za-z_][\w.:-]*)", content) if m[1]), None)
     if root is None:
         return content

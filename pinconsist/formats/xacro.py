@@ -16,13 +16,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from ..errors import FormatError, MissingExtraError
+from .packages import packages_of
 from .reading import RobotFile, asking_for, note_read, parsed, read_bytes, short_repr
 
 SECONDS = 60  # in which the process must end
-DEEPEST = 4  # folders above a file in which a package is searched for
-ABOVE = 3  # … and which of them may be packages by their names alone
-MOST_PACKAGES = 200
-_NAME = re.compile(rb"<name>\s*([\w.-]+)\s*</name>")
 
 
 def read(path: Path, name: str, folders, *, args=None, ignore=(), **options) -> RobotFile:
@@ -46,7 +43,7 @@ def expanded(path: Path, args: dict, folders, ignore=()) -> bytes:
     if find_spec("xacro") is None:
         need = "xacro files are expanded by the pip package xacro; install it with: pip install 'pinconsist[xacro]'"
         raise MissingExtraError(need)
-    packages = _packages(path, folders)
+    packages = packages_of(path, folders)
     allowed = [path.parent.resolve(), *folders, *(packages[name] for name in _named(path, packages))]
     request = {
         "path": str(path.resolve()),
@@ -95,41 +92,6 @@ def _argument(value) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def _packages(path, folders) -> dict[str, Path]:
-    """ROS packages by their names: those that hold the file, those beside them, and those in the folders."""
-    found: dict[str, Path] = {}
-    around = [path.resolve().parent, *list(path.resolve().parent.parents)[:DEEPEST]]
-    own = [folder for folder in around if (folder / "package.xml").is_file()]
-    named = [folder for folder in around[1:ABOVE] if folder not in own and folder.parent != folder]
-    for folder in own:
-        found.setdefault(_package_name(folder), folder)
-        found.setdefault(folder.name, folder)
-    beside = [each for folder in own[:1] for each in _inside(folder.parent)]
-    given = [Path(folder).resolve() for folder in folders]
-    given += [each for folder in given for each in _inside(folder)]
-    for folder in named:  # a copy of a package, which has lost its package.xml
-        found.setdefault(folder.name, folder)
-    for folder in (*given, *beside):
-        if (folder / "package.xml").is_file():
-            found.setdefault(_package_name(folder), folder)
-        found.setdefault(folder.name, folder)
-    return found
-
-
-def _inside(folder):
-    """The folders in a folder that are packages."""
-    try:
-        inner = [each for each in sorted(folder.iterdir())[:MOST_PACKAGES] if (each / "package.xml").is_file()]
-    except OSError:
-        return []
-    return inner
-
-
-def _package_name(folder) -> str:
-    match = _NAME.search((folder / "package.xml").read_bytes()[:100_000])
-    return match[1].decode() if match else folder.name
-
-
 def _reason(answer, folder) -> str:
     error, missing = answer["error"], answer["missing"]
     if answer.get("kind") == "DTDForbidden":
@@ -149,6 +111,6 @@ def _reason(answer, folder) -> str:
     if refused:
         return f"xacro: {error[:300]}: files outside of the folder of the scene and its packages are not read"
     if answer.get("kind") == "UndefinedArgument" or "Undefined substitution argument" in error:
-        wanted = error.rpartition(" ")[2]
+        wanted = error.rpartition(" ")[2].strip("'\"")  # $(arg 'name') is looked up with its quotes
         return f"its argument {short_repr(wanted)} has no default; pass it: args={{{wanted!r}: …}}"
     return f"xacro: {error[:400]}"

@@ -143,8 +143,10 @@ def _limit():
         import resource
     except ImportError:  # Windows
         return
-    resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
-    resource.setrlimit(resource.RLIMIT_AS, (BYTES, BYTES))
+    for what, most in ((resource.RLIMIT_CPU, SECONDS), (resource.RLIMIT_AS, BYTES)):
+        given = resource.getrlimit(what)[1]  # that of the calling process, which cannot be raised
+        most = most if given == resource.RLIM_INFINITY else min(most, given)
+        resource.setrlimit(what, (most, most))
 
 
 if __name__ == "__main__":

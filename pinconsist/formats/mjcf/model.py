@@ -14,6 +14,7 @@ from ...mechanism.forces import Actuator, FluidDrag, FluidEllipsoid, JointSpring
 from ...mechanism.joint_constraints import Coupling, Drive
 from ...mechanism.loops import GROUND, Loop, anchor
 from ...mechanism.motion import Motion
+from ..extensions import unique
 from ..reading import LARGEST, located
 
 _FREE, _BALL, _SLIDE, _HINGE = range(4)
@@ -293,7 +294,7 @@ class Tree:
             pin.framesForwardKinematics(self.model, data, pin.normalize(self.model, self.configuration(m.qpos0)))
         for e in range(m.neq):
             kind = (*_EQUALITIES, "tendon", *["flex"] * 9)[m.eq_type[e]]
-            name = m.eq(e).name or f"{kind}{e + 1}"
+            name = unique(m.eq(e).name or f"{kind}{e + 1}", self.tendons)
             if off or not m.eq_active0[e]:
                 reason = f"the option's flag {off[0]} is disabled" if off else "it is not active"
                 warn(f"equality {name!r}: left out, {reason}")

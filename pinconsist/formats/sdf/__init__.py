@@ -9,7 +9,8 @@ Versions 1.4 to 1.12 of the specification are supported. A file is converted as 
   ``load(..., free_flyer=True)`` lets it float, as for URDF files. If nothing else moves it floats; so do links that no
   joint connects to the world if others of their model are connected to it. ``<static>`` models never move.
 * If a file has a single model, links, joints and frames are known by their names, otherwise as ``model::name``. Before
-  version 1.7 a link and a joint may have the same name: the joint is then called ``name_joint``.
+  version 1.7 a link and a joint may have the same name: the joint is then called ``name_joint``; and a link may be
+  called ``world``: it is the ground.
 * Damping and friction of a ball joint act about all its axes. Position limits are kept in the model, without effect.
 * Gazebo's joint controllers become forces (:mod:`.joints`), and Drake's ``gear_ratio`` and ``rotor_inertia`` of a joint
   the armature. ``DetachableJoint``, mimic plugins (``gazebo``) and Drake's constraints (``drake``) act, as do
@@ -200,6 +201,8 @@ def _ignored(raw: Element, ignored: Ignored) -> Ignored:
         ignored.add("gripper", len(holder.findall("gripper")))
         ignored.add("actor", len(holder.findall("actor")))
         ignored.add_unknown([each for each in holder if "}" in str(each.tag)], drake.TAGS)
+    ground = [link for link in raw.iter("link") if link.get("name") == WORLD]
+    ignored.add(f"link {WORLD!r}, which is the ground", len(ground))
     static = [model for model in raw.iter("model") if model.findtext("static", "").strip() in ("1", "true")]
     fixed = {link for model in static for link in model.iter("link")}
     for link in raw.iter("link"):

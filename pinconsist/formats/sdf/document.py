@@ -16,6 +16,7 @@ from ...errors import FormatError, warn
 from ...mechanism.loops import unit
 from ..plausible import warn_of_degrees
 from ..reading import Node, floats, near, require_known, short_repr
+from ..urdf import INERTIA
 from .includes import FRAMES, VERSION, numbers_of
 
 WORLD = "world"
@@ -24,6 +25,8 @@ DEEPEST = 30
 GRAVITY = (0.0, 0.0, -9.8)  # of a world without <gravity>, m/s²
 INFINITE = 1e16  # limits from this size on are infinite, as in libsdformat
 
+_REQUIRED = (*INERTIA, "xyz", "size", "radius", "length", "spring_stiffness", "spring_reference")
+"""Elements that must not be empty."""
 _MODEL = ("link", "joint", "frame", "model", "include", "pose", "static", "self_collide", "allow_auto_disable")
 _MODEL += ("plugin", "gripper", "enable_wind")
 _WORLD = ("model", "joint", "frame", "include", "gravity", "physics", "scene", "light", "plugin", "gui", "atmosphere")
@@ -33,12 +36,13 @@ _WORLD += ("magnetic_field", "wind", "spherical_coordinates", "audio", "road", "
 class SdfNode(Node):
     """An element of SDF; its numbers, flags and names are the texts of its child elements.
 
-    An empty limit or flag stands for its default, as in libsdformat; other numbers must not be empty.
+    An empty one stands for its default, as in libsdformat, except for numbers that an element must have.
     """
 
     def values(self, tag: str, default: tuple[float, ...]) -> tuple[float, ...]:
         found = self.child(tag)
-        return floats(found.text(), len(default), found.name) if found else default
+        given = found.text() or (found and tag in _REQUIRED)
+        return floats(found.text(), len(default), found.name) if given else default
 
     def value(self, tag: str, default: float = 0.0) -> float:
         return self.values(tag, (default,))[0]
@@ -179,6 +183,8 @@ class Document:
         node.warn_unknown(_MODEL)
         static = static or node.flag("static")
         inner = [each.get("name") for tag in ("link", "model") for each in node.children(tag)]
+        if self.version_of(full) < FRAMES:
+            inner = [each for each in inner if each != WORLD]
         canonical = node.get("canonical_link")
         if not (inner or static):
             raise node.error("there is no link")
@@ -187,6 +193,8 @@ class Document:
         if canonical and not static:
             self._canonical.append(full)
         for link in node.children("link"):
+            if link.get("name") == WORLD and self.version_of(full) < FRAMES:
+                continue  # joints to the world are to the ground, and nothing else holds this link
             name = self._name(link, "link", full)
             self._add(name, link, full, None)
             self._links[name] = link, full, static or link.flag("kinematic")

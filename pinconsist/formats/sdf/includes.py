@@ -3,8 +3,9 @@
 A ``<model>`` is put there as a model of its own, or with ``merge="true"`` its elements: then a frame
 ``_merged__NAME__model__`` stands for that of the model. A URDF that is included becomes a model (:mod:`.of_urdf`).
 ``model://NAME`` is a folder NAME with a ``model.config``, or a ``model.sdf``, beside the file, in the folder above, in
-``models/`` of one of these, or in ``package_dirs``; other URIs are paths from the folder of the file. Nothing is read
-from elsewhere. The models ``sun`` and ``ground_plane`` of Gazebo, which never move, need no files.
+``models/`` of one of these, or in ``package_dirs``; ``package://NAME`` is a ROS package (:mod:`..packages`); other URIs
+are paths from the folder of the file. Nothing is read from elsewhere. The models ``sun`` and ``ground_plane`` of
+Gazebo, which never move, need no files.
 """
 
 import os
@@ -15,6 +16,7 @@ from xml.etree.ElementTree import Element, SubElement
 from ...errors import FormatError
 from ...mechanism.file_laws import FLOOR
 from ..ignored import Ignored
+from ..packages import packages_of
 from ..reading import located, parsed, read_bytes, short_repr
 from .of_urdf import VERSION as URDF_AS
 from .of_urdf import model_of
@@ -22,7 +24,6 @@ from .of_urdf import model_of
 VERSION = "included version"  # the attribute of an included model that has the version of its file
 MOST_FILES, DEEPEST = 200, 20
 _WITHOUT_BODIES = ("sun", "ground_plane", "ground plane", "asphalt_plane", "gas_station_floor")
-ABOVE = 4  # folders above a file that may be its package
 FRAMES = (1, 7)  # the version from which names are unique, and poses and axes may be relative to named frames
 _OVERRIDES = ("static", "pose", "placement_frame")
 
@@ -37,6 +38,8 @@ class Includes:
 
     def __init__(self, path: Path, folders, ignored: Ignored, ignore):
         self._path, self._ignored, self._ignore, self._read = path, ignored, set(ignore), 0
+        self._folders = [Path(folder) for folder in folders]
+        self.packages: list[Path] = []  # of which files were read
         here = Path(os.path.abspath(path)).parent
         self._roots = [Path(os.path.realpath(folder)) for folder in (here, *folders)]
         around = (here, here.parent, *(Path(folder) for folder in folders))
@@ -104,11 +107,12 @@ class Includes:
         if scheme not in ("", "model", "file", "package"):
             raise FormatError(f"nothing is downloaded; put the model beside the file, {_advice(uri)}")
         starts = self._models if scheme in ("model", "package") else (file.parent, *self._models)
+        places = [(start, rest) for start in starts] if rest else []
         if scheme == "package":
-            starts = [*starts, *self._packages(rest)]
+            places += self._in_package(*rest.partition("/")[::2], file)
         outside = False
-        for start in starts if rest else ():
-            found = Path(os.path.normpath(start / rest))
+        for start, inner in places:
+            found = Path(os.path.normpath(start / inner))
             if not any(found.exists() for found in (found, found / "model.sdf")):
                 continue
             inside = _within(found, self._roots) or (scheme == "model" and ".." not in rest and start in self._models)
@@ -122,12 +126,14 @@ class Includes:
             )
         raise FormatError(f"there is no such model beside the file; pass its folder as package_dirs=, {_advice(uri)}")
 
-    def _packages(self, rest) -> list[Path]:
-        """The folder of the package that holds the file, if a path begins with its name; its files may be read."""
-        here = self._roots[0]
-        found = [each.parent for each in (here, *list(here.parents)[:ABOVE]) if each.name == rest.partition("/")[0]]
-        self._roots += [start / rest.partition("/")[0] for start in found]
-        return found
+    def _in_package(self, name, inner, file) -> list[tuple[Path, str]]:
+        """The folder of a ROS package, whose files may be read, and the path in it."""
+        folder = packages_of(file, self._folders).get(name)
+        if folder is None:
+            return []
+        self.packages.append(folder)
+        self._roots.append(Path(os.path.realpath(folder)))
+        return [(folder, inner)]
 
 
 def merged_elements(model: Element) -> list[Element]:
