@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import logging
+import re
 import subprocess
 import sys
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from helpers.urdf_texts import CHAIN, A, B, joint
 
@@ -265,3 +268,96 @@ def test_segments_of_openhrp_may_be_in_transforms(tmp_path):
     path.write_text(text % ("0", turned % 'DEF K Joint { jointType "rotate" }'))
     with pytest.raises(pc.FormatError, match="link 'J': it is in a Transform"):
         pc.load(path)
+
+
+def test_a_spherical_joint_of_a_urdf_is_a_ball(tmp_path):
+    """MuJoCo and Bullet read this type; MuJoCo is asked what it is."""
+    mujoco = pytest.importorskip("mujoco")
+    text = A + B + joint(kind="spherical", inside='<origin xyz="1 0 0" rpy="0.3 0 0"/><axis xyz="1 0 0"/>')
+    mech = pc.load(urdf(tmp_path, text))
+    theirs = mujoco.MjModel.from_xml_path(str(urdf(tmp_path, text)))
+    assert (mech.nv, mech.model.nq) == (theirs.nv, theirs.nq) == (3, 4)
+    np.testing.assert_allclose(mech.model.jointPlacements[1].translation, [1, 0, 0])
+
+
+def test_all_unknown_macros_of_a_xacro_are_named_at_once(tmp_path):
+    pytest.importorskip("xacro")
+    path = tmp_path / "r.xacro"
+    calls = '<xacro:macro name="own" params="n"><link name="${n}"/></xacro:macro><xacro:camera x="1"/><xacro:lidar/>'
+    path.write_text(f'<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{CHAIN}{calls}</robot>')
+    with pytest.raises(pc.FormatError, match="unknown macro") as caught:
+        pc.load(path)
+    cure = ast.literal_eval(re.search(r"ignore=(\[.*?\])", str(caught.value))[1])
+    assert cure == ["xacro:camera", "xacro:lidar"]
+    assert pc.load(path, ignore=cure).nv == 2
+
+
+def test_packages_are_found_below_a_folder_that_is_named(tmp_path):
+    pytest.importorskip("xacro")
+    home = tmp_path / "src" / "robots" / "arms" / "arm_description"
+    home.mkdir(parents=True)
+    (home / "package.xml").write_text("<package><name>arm</name></package>")
+    head = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+    (home / "links.xacro").write_text(f"{head}{CHAIN}</robot>")
+    (tmp_path / "cell").mkdir()
+    path = tmp_path / "cell" / "r.xacro"
+    path.write_text(f'{head}<xacro:include filename="$(find arm)/links.xacro"/></robot>')
+    with pytest.raises(pc.FormatError, match=r"package_dirs=\[\"…/arm\"\]"):
+        pc.load(path)
+    assert pc.load(path, package_dirs=[tmp_path / "src"]).nv == 2
+
+
+def test_models_of_an_old_sdf_may_have_one_name(tmp_path):
+    model = f'<model name="m">{LINK.format("b", 1)}{AXIS.format("world", 0)}</model>'
+    path = tmp_path / "m.sdf"
+    path.write_text(f'<sdf version="1.6"><world name="w">{model}{model}</world></sdf>')
+    assert pc.load(path).joints == ("m::j", "m (2)::j")
+    path.write_text(f'<sdf version="1.7"><world name="w">{model}{model}</world></sdf>')
+    with pytest.raises(pc.FormatError, match="model 'm' has the same name"):
+        pc.load(path)
+
+
+@pytest.mark.parametrize(("version", "flag", "of_model"), [("1.4", "", True), ("1.6", "1", True), ("1.6", "0", False)])
+def test_an_old_model_is_merged_with_its_axes(tmp_path, version, flag, of_model):
+    """An axis in the frame of its model, or in that of its joint, which is turned."""
+    axis = f"<axis><xyz>0 1 0</xyz>{f'<use_parent_model_frame>{flag}</use_parent_model_frame>' if flag else ''}</axis>"
+    turned = '<joint name="b" type="revolute"><pose>0 0 0 1.2 0 0</pose><parent>a</parent><child>b</child>'
+    links = LINK.format("a", 1) + LINK.format("b", 1).replace("<inertial>", "<pose>1 0 0 0 0 0.5</pose><inertial>")
+    (tmp_path / "arm").mkdir()
+    sdf(tmp_path / "arm", f"{links}{turned}{axis}</joint>", version, "model.sdf")
+    include = '<include merge="true"><uri>arm</uri><pose>0 0 1 0.4 0 0</pose></include>'
+    base = f"{LINK.format('base', 1)}<joint name='mount' type='fixed'><parent>base</parent><child>a</child></joint>"
+    mech = pc.load(sdf(tmp_path, base + include, "1.9"))
+    assert mech.joints == ("b_joint",)
+    about_x, about_z = (pin.AngleAxis(*each).toRotationMatrix() for each in ((1.2, np.eye(3)[0]), (0.5, np.eye(3)[2])))
+    wanted = np.eye(3)[1] if of_model else about_z @ about_x @ np.eye(3)[1]
+    wanted = pin.AngleAxis(0.4, np.eye(3)[0]).toRotationMatrix() @ wanted
+    data = mech.model.createData()
+    pin.computeJointJacobians(mech.model, data, pin.neutral(mech.model))
+    found = pin.getJointJacobian(mech.model, data, 1, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED).reshape(6)[3:]
+    np.testing.assert_allclose(found, wanted, atol=1e-12)
+
+
+def test_all_tendons_that_are_not_supported_are_named_at_once(tmp_path):
+    pytest.importorskip("mujoco")
+    site = '<site name="s{0}"/><site name="t{0}" pos="{0} 0 1"/>'
+    bodies = BODY.format("a", "a", BODY.format("b", "b", site.format(1)) + site.format(0))
+    path_of = '<site site="s0"/><site site="t1"/><site site="s1"/></spatial>'
+    tendons = f"""<tendon><spatial name="one" stiffness="3">{path_of}<spatial name="two" damping="3">{path_of}
+      <spatial name="free">{path_of}<spatial name="three" armature="1">{path_of}</tendon>"""
+    path = mjcf(tmp_path, f"<worldbody>{bodies}</worldbody>{tendons}")
+    with pytest.raises(pc.FormatError, match=r"ignore=\['one', 'two', 'three'\] loads"):
+        pc.load(path)
+    assert pc.load(path, ignore=["one", "two", "three"]).nv == 2
+
+
+def test_a_sensor_of_what_is_not_there_is_no_error(tmp_path):
+    pytest.importorskip("mujoco")
+    sensor = '<sensor><touch name="s" site="nowhere"/></sensor>'
+    assert pc.load(mjcf(tmp_path, f"<worldbody>{BODY.format('a', 'a', '')}</worldbody>{sensor}")).nv == 1
+
+
+def test_what_follows_the_end_of_a_document_is_skipped(tmp_path):
+    path = urdf(tmp_path, CHAIN)
+    path.write_bytes(path.read_bytes() + b"\r\n\0")
+    assert pc.load(path).nv == 2

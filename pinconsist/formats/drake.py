@@ -159,8 +159,16 @@ TYPES = {"planar": "", "ball": "SPHERICAL", "universal": "UJOINT_XY", "screw": "
 
 
 def joints_in_urdf(robot: Element) -> dict[str, str]:
-    """Replace each ``<drake:joint>`` by a ``<joint>``; return the types that replace them in the model."""
+    """Replace each ``<drake:joint>`` by a ``<joint>``; return the types that replace them in the model.
+
+    So is ``spherical`` replaced, a type that MuJoCo and Bullet read.
+    """
     types: dict[str, str] = {}
+    for joint in (each for each in robot.findall("joint") if each.get("type") == "spherical"):
+        joint.set("type", "continuous")
+        for axis in joint.findall("axis"):
+            joint.remove(axis)
+        types[joint.get("name", "")] = TYPES["ball"]
     for element in robot.findall(DRAKE + "joint"):
         node = Node(element, f"drake:joint {element.get('name')!r}")
         kind = element.get("type", "")

@@ -3,9 +3,9 @@
 import re
 from pathlib import Path
 
-DEEPEST = 4  # folders above a file in which a package is searched for
+DEEPEST = 4  # folders above a file in which a package is searched for, and below a folder that is given
 ABOVE = 3  # … and which of them may be packages by their names alone
-MOST_PACKAGES = 200
+MOST_PACKAGES, MOST_FOLDERS = 500, 2_000
 _NAME = re.compile(rb"<name>\s*([\w.-]+)\s*</name>")
 
 
@@ -21,9 +21,9 @@ def packages_of(path: Path, folders) -> dict[str, Path]:
     for folder in own:
         found.setdefault(_package_name(folder), folder)
         found.setdefault(folder.name, folder)
-    beside = [each for folder in own[:1] for each in _inside(folder.parent)]
+    beside = [each for folder in own[:1] for each in _below(folder.parent, 0)]
     given = [Path(folder).resolve() for folder in folders]
-    given += [each for folder in given for each in _inside(folder)]
+    given += [each for folder in given for each in _below(folder, 0 if folder == around[0] else DEEPEST)]
     for folder in named:  # a copy of a package, which has lost its package.xml
         found.setdefault(folder.name, folder)
     for folder in (*given, *beside):
@@ -33,13 +33,25 @@ def packages_of(path: Path, folders) -> dict[str, Path]:
     return found
 
 
-def _inside(folder):
-    """The folders in a folder that are packages."""
+def _below(folder, deepest) -> list[Path]:
+    """The packages in a folder and in the folders there, as ROS searches its paths; none is in another package."""
+    found, waiting, seen = [], [(folder, 0)], 0
+    while waiting and seen < MOST_FOLDERS and len(found) < MOST_PACKAGES:
+        here, depth = waiting.pop(0)
+        inner, seen = _inside(here), seen + 1
+        packages = [each for each in inner if (each / "package.xml").is_file()]
+        found += packages
+        if depth < deepest:
+            waiting += [(each, depth + 1) for each in inner if each not in packages]
+    return found
+
+
+def _inside(folder) -> list[Path]:
+    """The folders in a folder."""
     try:
-        inner = [each for each in sorted(folder.iterdir())[:MOST_PACKAGES] if (each / "package.xml").is_file()]
+        return [each for each in sorted(folder.iterdir()) if each.is_dir() and not each.name.startswith(".")]
     except OSError:
         return []
-    return inner
 
 
 def _package_name(folder) -> str:

@@ -193,16 +193,17 @@ def parsed(content: bytes) -> Element:
 
 
 def _without_comments(content: bytes) -> bytes:
-    """The document without comments, which may have ``--`` for other parsers, and from its first ``<``; same lines.
+    """The document from its first ``<`` to its last ``>``, without comments and ``<!`` without a name; same lines.
 
-    Nor does it have ``<!`` without a name, which TinyXML skips.
+    Elsewhere comments may have ``--`` inside, and TinyXML skips the others, and what follows the end.
     """
 
     def lines(match):
         return b"\n" * match[0].count(b"\n")
 
     start = max(content.find(b"<"), 0)
-    return b"\n" * content[:start].count(b"\n") + re.sub(rb"(?s)<!--.*?-->|<![^\[A-Za-z][^>]*>", lines, content[start:])
+    inner = content[start : content.rfind(b">") + 1]
+    return b"\n" * content[:start].count(b"\n") + re.sub(rb"(?s)<!--.*?-->|<![^\[A-Za-z][^>]*>", lines, inner)
 
 
 def _with_prefixes_bound(content: bytes) -> bytes:

@@ -19,6 +19,8 @@ from ..errors import FormatError, MissingExtraError
 from .packages import packages_of
 from .reading import RobotFile, asking_for, note_read, parsed, read_bytes, short_repr
 
+_OF_XACRO = set("macro include property arg if unless insert_block call element attribute".split())
+_MACRO = re.compile(r'<xacro:macro\s[^>]*?name="(?:xacro:)?([\w.-]+)"')
 SECONDS = 60  # in which the process must end
 
 
@@ -92,6 +94,14 @@ def _argument(value) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
+def _without_macro(answer, first) -> list[str]:
+    """A macro that is unknown, and the others that the files call and do not have."""
+    texts = [Path(file).read_bytes().decode(errors="replace") for file in answer["opened"] if Path(file).is_file()]
+    called = {each for text in texts for each in re.findall(r"<xacro:([\w.-]+)", text)}
+    own = {each for text in texts for each in _MACRO.findall(text)}
+    return [first, *(f"xacro:{each}" for each in sorted(called - own - _OF_XACRO) if f"xacro:{each}" != first)]
+
+
 def _reason(answer, folder) -> str:
     error, missing = answer["error"], answer["missing"]
     if answer.get("kind") == "DTDForbidden":
@@ -102,7 +112,7 @@ def _reason(answer, folder) -> str:
             f'folder: package_dirs=["…/{missing[0]}"]; or ignore=[{missing[0]!r}] leaves out what is included from it'
         )
     if unknown := re.search(r"unknown macro name: (xacro:[\w.-]+)", error):
-        return f"xacro: {error[:400]}; ignore=[{unknown[1]!r}] leaves out its calls"
+        return f"xacro: {error[:400]}; ignore={_without_macro(answer, unknown[1])} leaves out its calls"
     refused = answer.get("kind") == "PermissionError" or "outside" in error
     if refused and answer.get("outside"):
         found = answer["outside"]

@@ -146,7 +146,7 @@ MOST_FILES = 200
 MOST_ELEMENTS = 100_000  # with all copies
 _MOST_USERS = 3  # named in a message
 MOST_NESTED = 10  # files, each included by the one before
-_LEFT_OUT = {"size", "custom", "deformable", "texture", "skin", "layer"}
+_LEFT_OUT = {"size", "custom", "deformable", "texture", "skin", "layer", "sensor"}
 _IGNORED = "fusestatic discardvisual strippath meshdir texturedir assetdir fuse texture content_type".split()
 """Elements and attributes to remove: they have no effect here, but name files, take memory or hide shapes."""
 _FORMER = "apirate collision mpr_iterations mpr_tolerance exactmeshinertia".split()

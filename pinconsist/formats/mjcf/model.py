@@ -83,7 +83,7 @@ class Tree:
         for tendon in np.flatnonzero((m.tendon_armature != 0) | (friction != 0)):
             shares = {self.joints[joint]: share for joint, share in self._moved(_TENDON, tendon).items() if share}
             if not shares:
-                raise _tendon_error(m, tendon, "an armature or frictionloss is supported for fixed tendons only")
+                raise self._tendon_error(tendon, "an armature or frictionloss is supported for fixed tendons only")
             name = m.tendon(tendon).name or f"tendon {tendon + 1}"
             while name in (*model.names, *self.bodies, *self.sites, *found):
                 name += "_tendon"
@@ -204,14 +204,25 @@ class Tree:
         ends = self._sites_of(tendon)
         if stiffness and isinstance(rest, tuple):
             if rest[0] > 0.0 or len(ends) != 2:
-                raise _tendon_error(m, tendon, "a springlength of two numbers is supported for fixed tendons only")
-            raise _tendon_error(m, tendon, "a rope that is slack is not supported")
+                raise self._tendon_error(tendon, "a springlength of two numbers is supported for fixed tendons only")
+            raise self._tendon_error(tendon, "a rope that is slack is not supported")
         if len(ends) == 2:
             yield SpringDamper(*ends, stiffness, rest if stiffness else 0.0, damping)
         else:
-            raise _tendon_error(
-                m, tendon, "it passes more than two sites, or a geom or a pulley, with a spring or damper"
-            )
+            reason = "it passes more than two sites, or a geom or a pulley, with a spring or damper"
+            raise self._tendon_error(tendon, reason)
+
+    def _tendon_error(self, tendon, reason):
+        """The error about a tendon, with what leaves out all that are not supported."""
+        m, words = self._m, []
+        acting = (m.tendon_stiffness, m.tendon_damping, m.tendon_armature, m.tendon_frictionloss)
+        for each in np.flatnonzero(np.any(acting, axis=0) & (m.wrap_type[m.tendon_adr] != _WRAPS_JOINT)):
+            ends = m.tendon_lengthspring[each]
+            plain = not (m.tendon_armature[each] or m.tendon_frictionloss[each]) and ends[0] == ends[1]
+            if not (plain and len(self._sites_of(each)) == 2):
+                words.append(m.tendon(each).name or "spatial")
+        cure = f"ignore={list(dict.fromkeys(words))} loads the scene without {'them' if len(words) > 1 else 'it'}"
+        return FormatError(f"{reason}; {cure}", element=_element(m, "tendon", tendon))
 
     def _sites_of(self, tendon) -> list[str]:
         """The sites of a spatial tendon; empty if it has geoms or pulleys."""
@@ -397,12 +408,6 @@ def _semiaxes(m, g) -> tuple[float, ...]:
     if kind in (_CAPSULE, _CYLINDER):
         return radius, radius, half + radius * (kind == _CAPSULE)
     return tuple(size)
-
-
-def _tendon_error(m, tendon, reason):
-    word = m.tendon(tendon).name or "spatial"
-    cure = f"ignore=[{word!r}] loads the scene without it"
-    return FormatError(f"{reason}; {cure}", element=_element(m, "tendon", tendon))
 
 
 def pose(pos, quat) -> pin.SE3:

@@ -14,6 +14,7 @@ import pinocchio as pin
 
 from ...errors import FormatError, warn
 from ...mechanism.loops import unit
+from ..extensions import unique
 from ..plausible import warn_of_degrees
 from ..reading import Node, floats, near, require_known, short_repr
 from ..urdf import INERTIA
@@ -223,6 +224,8 @@ class Document:
         name = node.get("name")
         if not name.strip():
             raise FormatError(f"a {tag} has no name")
+        if tag == "model" and self.version_of(scope) < FRAMES and join(scope, name) in self._all:
+            name = unique(name, (each.removeprefix(join(scope, "")) for each in list(self._all)))  # allowed before 1.7
         if tag == "joint" and name == WORLD and self.version_of(scope) < FRAMES:  # allowed before 1.7
             name = f"{WORLD}_joint"
         if name in (WORLD, "universe") or (name.startswith("__") and name.endswith("__")):

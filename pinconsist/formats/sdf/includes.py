@@ -22,7 +22,7 @@ from .of_urdf import VERSION as URDF_AS
 from .of_urdf import model_of
 
 VERSION = "included version"  # the attribute of an included model that has the version of its file
-MOST_FILES, DEEPEST = 200, 20
+MOST_FILES, DEEPEST = 1000, 20
 _WITHOUT_BODIES = ("sun", "ground_plane", "ground plane", "asphalt_plane", "gas_station_floor")
 FRAMES = (1, 7)  # the version from which names are unique, and poses and axes may be relative to named frames
 _OVERRIDES = ("static", "pose", "placement_frame")
@@ -142,11 +142,11 @@ def merged_elements(model: Element) -> list[Element]:
     element = f"include {model.get('name', '')[:60]!r}"
     if model.get("placement_frame"):
         raise FormatError("a merged model cannot have a placement_frame; give its <pose>", element=element)
-    old = numbers_of(model.get(VERSION, "")) < FRAMES
     links = [each.get("name", "") for tag in ("link", "model") for each in model.findall(tag)]
-    if old or not links:
-        reason = "is of a version before 1.7" if old else "has no link"
-        raise FormatError(f"a model that {reason} cannot be merged; include it without merge=", element=element)
+    if not links:
+        raise FormatError("a model that has no link cannot be merged; include it without merge=", element=element)
+    if (version := numbers_of(model.get(VERSION, ""))) < FRAMES:
+        _as_of_today(model, version, links)
     frame = Element("frame", name=name, attached_to=model.get("canonical_link") or links[0])
     pose = model.find("pose")
     place = SubElement(frame, "pose", {} if pose is None else pose.attrib)
@@ -167,6 +167,20 @@ def merged_elements(model: Element) -> list[Element]:
             if inner.tag in ("parent", "child") and (inner.text or "").strip() == "__model__":
                 inner.text = name
     return [frame, *parts]
+
+
+def _as_of_today(model: Element, version, links) -> None:
+    """Say in the present version what an older one means by the axes of joints, and by names that links have, too."""
+    for joint in model.findall("joint"):
+        if joint.get("name") in links:
+            joint.set("name", f"{joint.get('name')}_joint")
+        for axis in (each for tag in ("axis", "axis2") for each in joint.findall(tag)):
+            flag, xyz = axis.find("use_parent_model_frame"), axis.find("xyz")
+            of_model = version < (1, 5) or (flag is not None and (flag.text or "").strip() in ("1", "true"))
+            if flag is not None:
+                axis.remove(flag)
+            if of_model and not (SubElement(axis, "xyz") if xyz is None else xyz).get("expressed_in"):
+                axis.find("xyz").set("expressed_in", "__model__")
 
 
 def _advice(uri):
