@@ -9,7 +9,7 @@ import numpy as np
 
 from pinconsist import Event, MissingExtraError, gradient, load, sensitivities, simulate
 from pinconsist.cli import output
-from pinconsist.gradients.passes import STILL
+from pinconsist.gradients.passes import NO_VARIANT
 from pinconsist.gradients.prepare import prepared
 from pinconsist.gradients.variants import Variants
 
@@ -153,7 +153,7 @@ def cost(scenes=tuple(SCENES), repeats=5, rtol=1e-8) -> list[Cost]:
             mech, names, (0.0, until), None, v0, None, None, (), None, rtol, 1e-2 * rtol, {}
         )
         moving = sum(not variant.inert for variant in variants)
-        still = Variants(("",), np.ones(1), base, {0: STILL}, [], None)
+        still = Variants(("",), np.ones(1), base, {0: NO_VARIANT}, [], None)
 
         def steps(parameters, legs=legs, base=base):
             for leg in legs:

@@ -274,7 +274,7 @@ def test_a_start_at_a_singular_position_is_refused(monkeypatch):
     with pytest.raises(pc.SingularSystemError, match=r"singular configuration.*B1.*rank 1 here and 2 nearby") as caught:
         pc.simulate(mech, (0.0, 1.0), in_line)
     assert caught.value.names == ("B1",)
-    monkeypatch.setattr("pinconsist.mechanism.system.NEARBY", 0.0)
+    monkeypatch.setattr("pinconsist.mechanism.system.RANK_DISTANCE", 0.0)
     sol = pc.simulate(mech, (0.0, 1.0), in_line)
     assert not sol.success and "are open by" in sol.message and "'B1'" in sol.message
 

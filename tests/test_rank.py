@@ -65,13 +65,13 @@ def test_an_opened_loop_is_seen_beside_a_drive(monkeypatch):
     model = plain.model.copy()
     model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "fan")
     mech = pc.Mechanism(model, [*plain.loops, pc.Drive("fan", "fan", lambda t: 0.01 * t)])
-    monkeypatch.setattr("pinconsist.mechanism.system.NEARBY", 0.0)
+    monkeypatch.setattr("pinconsist.mechanism.system.RANK_DISTANCE", 0.0)
     sol = pc.simulate(mech, (0.0, 1.0), np.array([np.pi / 2, -np.pi / 2, np.pi / 2, 0.0]))
     assert not sol.success and "are open by" in sol.message and "'B1'" in sol.message
 
 
 def test_a_reference_whose_loops_open_is_none(monkeypatch):
-    monkeypatch.setattr("pinconsist.mechanism.system.NEARBY", 0.0)
+    monkeypatch.setattr("pinconsist.mechanism.system.RANK_DISTANCE", 0.0)
     in_line = np.array([np.pi / 2, -np.pi / 2, np.pi / 2])
     with pytest.raises(pc.PinconsistError, match="no reference: the loops are open"):
         pc.paper.reference_solution(pc.load("n_four_bar_1"), 0.0, in_line, np.zeros(3), [0.5, 1.0], rtol=1e-8)

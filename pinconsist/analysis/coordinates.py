@@ -21,7 +21,7 @@ from .variations import step_sizes
 
 SINGULAR = 1e-10  # 1 / (|B| |B⁻¹|) below which a position counts as singular
 LONGEST_MOTION = 0.6  # rad, or lengths of the mechanism: largest motion of a joint in a step
-SHORTEST = 1e-8  # of the coordinates: shortest step, unless it leads away from a singular configuration
+SHORTEST_STEP = 1e-8  # of the coordinates: shortest step, unless it leads away from a singular configuration
 OUTWARD = 1e-4  # relative to that: shortest step away from a singular configuration
 MISS = 0.25  # relative to the step: largest first correction of the prediction
 SHRINK = 0.25  # largest ratio of successive corrections
@@ -30,7 +30,7 @@ LEAST, FURTHER = 0.1, 4.0  # smallest and largest ratio of successive step sizes
 ENOUGH = 3e-9  # rad, or lengths: after such a correction, Newton's error is rounding
 CORRECTIONS = 8  # corrections
 TRIES = 400  # steps; paths that need more follow a singular configuration
-NUMBERS = (LONGEST_MOTION, SHORTEST, MISS, SHRINK, AIM, LEAST, FURTHER, ENOUGH, CORRECTIONS)
+NUMBERS = (LONGEST_MOTION, SHORTEST_STEP, MISS, SHRINK, AIM, LEAST, FURTHER, ENOUGH, CORRECTIONS)
 
 
 class Coordinates:

@@ -17,7 +17,7 @@ from ..mechanism.system import MechanismSystem
 from .variations import Derivatives, Locked, TangentSpace, Varied, closed_near, of_state, step_sizes
 
 WIDEST = 0.05  # rad, or lengths of the mechanism: largest error of a prediction; otherwise the step is halved
-HALVINGS = 30
+STEP_HALVINGS = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +148,7 @@ def _state(system, t, q):
 def _follow(system, state, t):
     """The state at another time on the same branch, predicted by Taylor series in sufficiently small steps."""
     h = t - state[0]
-    smallest = abs(h) / 2**HALVINGS
+    smallest = abs(h) / 2**STEP_HALVINGS
     while state[0] != t:
         now, q, v, a, _ = state
         sizes = step_sizes(system, q)

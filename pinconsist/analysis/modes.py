@@ -9,7 +9,7 @@ from ..errors import SingularSystemError
 from ..mechanism.rank import MASSLESS
 from .variations import Locked
 
-NOISE = 1e-10  # relative to the stiffness and the forces: smaller values cannot be distinguished from zero
+STIFFNESS_NOISE = 1e-10  # relative to the stiffness and the forces: smaller values cannot be distinguished from zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ def modes(linear) -> Modes:
     """See :meth:`Linearization.modes`."""
     S = linear._sizes
     M, C, K = (S[:, None] * each * S for each in (linear.mass, linear.damping, linear.stiffness))
-    noise = NOISE * (np.max(np.abs(K), initial=0.0) + linear._scale * np.max(S, initial=0.0))
+    noise = STIFFNESS_NOISE * (np.max(np.abs(K), initial=0.0) + linear._scale * np.max(S, initial=0.0))
     inertia, axes = np.linalg.eigh(M)
     count = int(np.count_nonzero(inertia <= MASSLESS * inertia.max(initial=0.0)))
     light, heavy = axes[:, :count], axes[:, count:]

@@ -162,9 +162,9 @@ class MotorFrame:
         return np.linalg.lstsq(J.T, tau, rcond=1e-10)[0]
 
 
-STRIDE = 0.05  # rad, or lengths of the mechanism: step in which a motor is moved
+MOTOR_STRIDE = 0.05  # rad, or lengths of the mechanism: step in which a motor is moved
 MOST_STRIDES = 400  # of a sliding motor
-HALVINGS = 40
+LIMIT_HALVINGS = 40
 
 
 @dataclass(frozen=True)
@@ -207,7 +207,7 @@ def ranges(act, q) -> list[MotorRange]:
     chosen, found, units = act._chosen, [], velocity_units(act.mechanism.model)
     for k in range(chosen.n_motors):
         column = chosen.columns[k]
-        stride, most = STRIDE * chosen.sizes[column], tau if units[column] == "rad" else inf
+        stride, most = MOTOR_STRIDE * chosen.sizes[column], tau if units[column] == "rad" else inf
         name, start = act.motors[chosen.own[k]], act.positions(q)[chosen.own[k]]
         ends = [_end(act, q, k, start, sign * stride, most) for sign in (-1.0, 1.0)]
         found.append(MotorRange(name, *(each for pair in zip(*ends, strict=True) for each in pair)))
@@ -230,7 +230,7 @@ def _end(act, q, k, start, stride, most):
         there, share = chosen.follower.follow(q, unit)
         if by := beyond(there):
             low, high = 0.0, share
-            for _ in range(HALVINGS):
+            for _ in range(LIMIT_HALVINGS):
                 middle = 0.5 * (low + high)
                 inside = not (joint := beyond(chosen.follower.follow(q, middle * unit)[0]))
                 by, low, high = joint or by, middle if inside else low, high if inside else middle

@@ -26,9 +26,9 @@ from ..mechanism.names import velocity_units
 from .actuation import Actuation
 
 MOVED = 1e-9  # of the largest speed: a joint slower than this does not move
-POINTS = 7  # of a workspace, for each joint
-WIDE = 0.5  # rad or m: largest distance of a default workspace from the configuration
-SHARE = 0.5  # of the range of a joint that a default workspace covers, in each direction
+POINTS_OF_JOINT = 7  # of a workspace, for each joint
+MAX_REACH_OF_JOINT = 0.5  # rad or m: largest distance of a default workspace from the configuration
+RANGE_SHARE = 0.5  # of the range of a joint that a default workspace covers, in each direction
 
 
 @dataclass(frozen=True)
@@ -323,7 +323,7 @@ class _Chain:
     def workspace(self, given, position) -> dict[str, tuple[float, float]]:
         """Joint → (lowest, highest)."""
         own = self.act.positions(self.q)[: len(self.joints)]
-        ends = own[:, None] + np.clip(SHARE * (position - own[:, None]), -WIDE, WIDE)
+        ends = own[:, None] + np.clip(RANGE_SHARE * (position - own[:, None]), -MAX_REACH_OF_JOINT, MAX_REACH_OF_JOINT)
         found = {joint: (float(low), float(high)) for joint, (low, high) in zip(self.joints, ends, strict=True)}
         if given is None:
             return found
@@ -341,7 +341,7 @@ class _Chain:
 
     def reached(self, grid) -> list[np.ndarray]:
         """The configurations of a workspace that can be reached, row by row from the nearest end of the last one."""
-        axes = [np.linspace(low, high, POINTS) for low, high in (grid[joint] for joint in self.joints)]
+        axes = [np.linspace(low, high, POINTS_OF_JOINT) for low, high in (grid[joint] for joint in self.joints)]
         found, q = [], self.q
         for first in product(*axes[:-1]):
             row = q
@@ -450,7 +450,7 @@ def _cost(chain, grid, every, armature, limits, gains, best) -> DiagonalCost:
         dict(zip(chain.joints, np.min([_alone(rule, each.T, limit) for each in every], axis=0).tolist(), strict=True))
         for rule, limit in ((_torque, efforts), (_speed, speeds))
     ]
-    tried = POINTS ** len(chain.joints)
+    tried = POINTS_OF_JOINT ** len(chain.joints)
     return DiagonalCost(grid, len(every), tried, of_rotors, share, least[0], least[1], found[0], found[1])
 
 

@@ -9,7 +9,7 @@ from ..errors import InputError
 from . import output, scene
 from .scene import QUANTITY, Texts, option
 
-SHARE = 0.01  # relative change of a parameter
+RELATIVE_CHANGE = 0.01  # relative change of a parameter
 KINDS = ("mass", "length", "anchor", "stiffness", "damping", "friction", "gravity")
 
 
@@ -64,7 +64,7 @@ def sensitivity(
     labels = quantity.labels(found.solution)
     rows = [
         {"parameter": name, "about": about_length(mech, name), "value": own, "derivatives": each}
-        | {"percent": SHARE * abs(own) * np.linalg.norm(each)}
+        | {"percent": RELATIVE_CHANGE * abs(own) * np.linalg.norm(each)}
         for name, own, each in zip(found.names, found.values, np.atleast_2d(by).T, strict=True)
     ]
     if as_json:

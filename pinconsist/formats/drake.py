@@ -26,7 +26,6 @@ from .extensions import Names, value, values, word
 from .reading import DRAKE, Node
 
 ZERO = (0.0, 0.0, 0.0)
-UNLIMITED = 1e300
 
 
 def joined(holder: Node, names: Names, ignored) -> Iterator:

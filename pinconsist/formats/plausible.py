@@ -12,15 +12,15 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import FormatError, warn
+from ..mechanism.assembly import FULL_TURN
 
 NEGATIVE = 1e-9  # a moment of inertia, relative to the largest, below minus which it is not rounded
 POINT = 1e-12  # m²: bodies of a radius of gyration of 1 µm are points
-ROUNDED = 1e-2  # relative: numbers in files may have as few as two digits
+TWO_DIGITS = 1e-2  # relative: numbers in files may have as few as two digits
 UNBODILY = 10.0  # lengths of the longest body that a body must reach from its centre of mass to have its inertia
 MACHINE = 10.0  # m: typical bodies that are larger are rare, …
 LIGHT = 0.3  # kg/m: … and still heavier than this. Lengths in mm make a body of 1 kg and 0.3 m one of 0.003 kg/m
 CONSISTENT = 1000.0  # m/s²: with such a gravity, all lengths are meant in mm
-TURN = 7.0  # rad: a little more than a full turn; roll, pitch and yaw are smaller
 MOST_SHOWN = 3
 
 _DIAGONAL = ("ixx", "iyy", "izz")
@@ -49,7 +49,7 @@ def warn_of_inertias(path, bodies: Iterable[tuple[str, np.ndarray, pin.Inertia]]
         size = max(np.abs(of_whole).max(), POINT * whole.mass)
         if moments[0] < 0.0 and -of_whole[0] > max(NEGATIVE * size, POINT * whole.mass):
             raise FormatError(f"a principal inertia is negative: {moments[0]:.3g} kg m²", element=element)
-        if moments[2] - moments[0] - moments[1] > ROUNDED * size:
+        if moments[2] - moments[0] - moments[1] > TWO_DIGITS * size:
             found.append(f"{element}: no body has this inertia: {_excess(inertia, moments)}. Check its axes and units")
     _warn_of(path, found)
 
@@ -70,7 +70,7 @@ def warn_of_degrees(path, angles: Iterable[tuple[str, Iterable[float]]]) -> None
     found = []
     for element, values in angles:
         largest = max(values, key=abs, default=0.0)
-        if TURN < abs(largest) < inf:
+        if FULL_TURN < abs(largest) < inf:
             degrees = f"write {radians(largest):.6g} for {largest:g} degrees"
             found.append(f"{element} has an angle of {largest:g} rad, more than a full turn; {degrees}")
     _warn_of(path, found)

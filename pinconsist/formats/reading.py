@@ -85,14 +85,16 @@ def read_bytes(path: Path, limit: int = MAX_XML_BYTES) -> bytes:
     return content
 
 
-NEAR = 4  # folders above that of a scene, in which its other files may be
+FOLDERS_ABOVE = 4  # folders above that of a scene, in which its other files may be
 SHALLOW = 3  # parts of the path of a folder that is not offered, as it holds too much
 
 
 def asking_for(path, folder) -> str:
     """The end of a message about a file outside of the folder of a scene: how to have it read."""
     path, folder = Path(path).absolute(), Path(folder).absolute()
-    above = [each for each in list(folder.parents)[:NEAR] if path.is_relative_to(each) and len(each.parts) > SHALLOW]
+    above = [
+        each for each in list(folder.parents)[:FOLDERS_ABOVE] if path.is_relative_to(each) and len(each.parts) > SHALLOW
+    ]
     home = (above or [path.parent])[0]
     return f"only files there are read, and in package_dirs=[{str(home)!r}] (--package-dir)"
 

@@ -33,7 +33,7 @@ from .urdf import INERTIA, UNLIMITED, origin
 WRITERS = {".sdf": "sdf", ".xml": "mjcf", ".mjcf": "mjcf", ".usda": "usd", ".usd": "usd"}
 """Suffix → the kind of file, other than URDF, and the module ``write_…`` that writes it."""
 _STANDARD_GRAVITY = (0.0, 0.0, -9.81)
-_SAME = 1e-9
+_ROUNDING_OF_TEXT = 1e-9
 _JOINTS = {  # Pinocchio's name → (type in URDF, axis or None if the joint has its own, type in the loop file)
     "FreeFlyer": ("floating", (), None),
     "Planar": ("planar", (0.0, 0.0, 1.0), None),
@@ -172,7 +172,10 @@ def _same(mechanism, back) -> bool:
     q = integrate(mechanism.model, mechanism.guess, rng.uniform(-0.5, 0.5, mechanism.nv))
     v = rng.uniform(-1, 1, mechanism.nv)
     pairs = zip(_equations(mechanism, q, v), _equations(back, q, v), strict=True)
-    return all(np.allclose(one, two, rtol=_SAME, atol=_SAME * (1 + np.abs(one).max(initial=0))) for one, two in pairs)
+    return all(
+        np.allclose(one, two, rtol=_ROUNDING_OF_TEXT, atol=_ROUNDING_OF_TEXT * (1 + np.abs(one).max(initial=0)))
+        for one, two in pairs
+    )
 
 
 def _equations(mechanism, q, v):

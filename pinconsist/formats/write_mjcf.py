@@ -16,7 +16,7 @@ from .reading import text
 from .saying import Motion1, Said, Unsaid, in_world, least_inertia, require_same_motion, said
 
 ARM = 0.1  # m, between the two points of a hinge
-FAR = 1e10  # rad or m: the other end of a limit on one side
+NO_OTHER_LIMIT = 1e10  # rad or m: the other end of a limit on one side
 _JOINTS = {"revolute": "hinge", "prismatic": "slide", "ball": "ball", "free": "free"}
 
 
@@ -93,7 +93,7 @@ class _Writer:
         if joint.axis is not None:
             values["axis"] = text(*joint.axis)
         if np.isfinite([joint.lower, joint.upper]).any():
-            values["range"] = text(*np.clip([joint.lower, joint.upper], -FAR, FAR))
+            values["range"] = text(*np.clip([joint.lower, joint.upper], -NO_OTHER_LIMIT, NO_OTHER_LIMIT))
         numbers = {"damping": joint.damping, "frictionloss": joint.friction, "armature": joint.armature}
         values |= {key: text(value) for key, value in numbers.items() if value}
         if joint.stiffness:

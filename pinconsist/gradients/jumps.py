@@ -17,11 +17,13 @@ from ..run.known import Pull
 
 JUMP = 1e-3  # relative to the largest value of the force in the run: smallest jump
 NARROWEST = 1e-12  # relative to the run, and to its times: a change within such an interval is a jump
-BESIDE = 1e-9  # relative to the run between two starts: distance from an event at which forces are compared
+EVENT_DISTANCE = 1e-9  # relative to the run between two starts: distance from an event at which forces are compared
 INSIDE = (0.0, 1 / 3, 2 / 3)  # where forces are compared, in each step
-SAME = 0.05  # relative to the accelerations: largest difference between those of the run and of its equations
+ACCELERATION_MATCH = (
+    0.05  # relative to the accelerations: largest difference between those of the run and of its equations
+)
 STAYS = 1e-6  # s for a parameter of size 1, in which a break point counts as fixed
-PART = 1e-3  # of a step: distance over which velocities are compared
+STEP_FRACTION = 1e-3  # of a step: distance over which velocities are compared
 
 
 def refuse_jumps(solution, legs, base) -> None:
@@ -146,8 +148,8 @@ def _refuse_jump(solution, grid, label, force) -> float:
 def _refuse_jump_at(leg, t, other, label, force, largest) -> None:
     """Look at an end of a leg, an event, on both sides of its state along the motion."""
     system, length = leg.system, abs(leg.span[1] - leg.span[0])
-    away = BESIDE * length + 8.0 * np.spacing(abs(t))
-    beside = t + np.copysign(min(max(PART * abs(other - t), 1e2 * away), length), other - t)
+    away = EVENT_DISTANCE * length + 8.0 * np.spacing(abs(t))
+    beside = t + np.copysign(min(max(STEP_FRACTION * abs(other - t), 1e2 * away), length), other - t)
     (q, near), y = leg.states(np.array([t, beside]))[:2]
     v, v_near = y[:, system.nx : system.nx + system.nv]
     move, change = system.difference(q, near) / (beside - t), (v_near - v) / (beside - t)
@@ -169,12 +171,12 @@ def _refuse_memory(solution, leg, grid, base) -> None:
     """The forces of the run must be functions of t, q and v: a latch that an event has set has its last state now."""
     longest = int(np.argmax(np.abs(np.diff(grid))))
     begin, end = grid[longest : longest + 2]
-    t, step = 0.5 * (begin + end), PART * (end - begin)
+    t, step = 0.5 * (begin + end), STEP_FRACTION * (end - begin)
     q, v, _ = (part[0] for part in solution.sol(np.array([t])))
     ahead, behind = (solution.sol(np.array([t + side * step]))[1][0] for side in (1.0, -1.0))
     of_run = (ahead - behind) / (2.0 * step)
     a = base.index1(leg.system).acceleration(t, q, v)[0]
-    if np.abs(a - of_run).max() > SAME * max(np.abs(a).max(), np.abs(of_run).max()):
+    if np.abs(a - of_run).max() > ACCELERATION_MATCH * max(np.abs(a).max(), np.abs(of_run).max()):
         raise InputError(
             f"the forces near t = {t:.6g} s are not those that acted in the run: a force depends on something "
             "else than t, q and v, such as a variable that the apply= of an event changes, and its derivatives are not "

@@ -19,7 +19,7 @@ from ..mechanism.forces import Sampled
 from ..mechanism.forces.held import BoundSampled
 from ..run.known import unit_torque
 
-SAME = 1e-9  # relative to the torques of a law: what it may differ by if it is called once more
+REPEATABLE = 1e-9  # relative to the torques of a law: what it may differ by if it is called once more
 ADVICE = (
     "give it an attribute `derivative`, a function (t, q, v) -> (∂u/∂q, ∂u/∂v), one row for each torque; torques that "
     "are given need none if the law uses its argument t alone"
@@ -142,7 +142,7 @@ class Laws:
         found = np.zeros((len(torque.places), len(self._variants)))
         own = self._called(self._base, torque, q, v)
         held = self._forces[torque.number].entry_of(torque.i)
-        if np.abs(own - held).max() > SAME * (1.0 + np.abs(held).max()):
+        if np.abs(own - held).max() > REPEATABLE * (1.0 + np.abs(held).max()):
             raise InputError(
                 f"the law of {torque.record.label!r} returned {held} at t = {torque.t:.6g} s in the run, and {own} "
                 "if called once more with the same state: it has a state of its own, whose derivatives are not known. "

@@ -24,8 +24,8 @@ EQUAL_TIMES = 1e-12  # relative difference of times that count as equal
 GRADIENT_STEP = 1e-3  # rad or m, step of fourth-order differences
 PUSH = 1e-4  # relative to the size of a coordinate, step of fourth-order differences
 PUSHED = 1e-9  # relative to velocities, smallest jump of them
-STILL = Variant("", 0.0, 1.0, None, None)  # type: ignore[arg-type]  # stands for a direction of the state
-STILL.beside = {}, {}, {}
+NO_VARIANT = Variant("", 0.0, 1.0, None, None)  # type: ignore[arg-type]  # stands for a direction of the state
+NO_VARIANT.beside = {}, {}, {}
 
 
 class ForwardPass:
@@ -121,7 +121,7 @@ class BackwardPass:
         """The derivative by s at the end of a leg, from that by the state at the start of the `following` one."""
         n = leg.system.nx + leg.system.nv + leg.system.nc
         s = np.vstack((np.eye(n), np.zeros((len(self.variants), n))))
-        both = [STILL] * n + list(self.variants)
+        both = [NO_VARIANT] * n + list(self.variants)
         rates = across_event(leg, following, self.solution, both, self.base, s) @ bar
         self.total += rates[n:]
         return rates[:n]

@@ -17,7 +17,7 @@ from ..run.events import state_after
 STATE_STEP = 1e-3  # relative to the size of a state: step of fourth-order differences
 SLOPE_STEP = 1e-3  # relative to a step of the run: step of the differences of an event's function
 GRAZING = 0.02  # relative to the mean slope of an event's function in the step: smallest slope of a crossing
-GAP = 1e-10  # m or rad
+PROJECTION_GAP = 1e-10  # m or rad
 
 
 class Start:
@@ -61,7 +61,7 @@ class Start:
         return s_q
 
     def _by_differences(self, variant):
-        allowed = max(GAP, 3.0 * self.base.assembled[2])
+        allowed = max(PROJECTION_GAP, 3.0 * self.base.assembled[2])
         try:
             gap = max(side.assembled[2] for side in variant.beside[0].values())
         except AssemblyError as error:

@@ -28,8 +28,8 @@ from ..run.propagator import all_rows
 
 SMOOTH, ROUGH = 3e-8, 1e-5  # relative change of a difference quotient when the step is doubled: desired, and allowed
 MOST_TRIES, SHORTER = 4, 5.0
-ROUNDING = 1e-14  # relative to the residuals: rounding errors of their differences
-WIDE = 1e-3  # relative to a value: step of parameters that need only fourth-order differences
+RESIDUAL_ROUNDING = 1e-14  # relative to the residuals: rounding errors of their differences
+WIDE_STEP = 1e-3  # relative to a value: step of parameters that need only fourth-order differences
 
 
 class OfRun:
@@ -252,7 +252,7 @@ def variants_of(make, theta, names, steps, base: Side, system, t, p, v, paramete
     chosen = difference_step(theta)
     if given.any():
         chosen[given] = [float(step) for step in steps if step is not None]
-    wide = np.where(given, chosen, np.maximum(WIDE * np.abs(theta), 0.1 * chosen))
+    wide = np.where(given, chosen, np.maximum(WIDE_STEP * np.abs(theta), 0.1 * chosen))
 
     of_loops = {i for i, each in parameters if _is_of_loop(each, base.mechanism)}
 
@@ -322,7 +322,7 @@ def _roughness(variant, system, t, p, v) -> tuple[float, float]:
         sizes = max(sizes, np.abs(values[m]).max())
     one = sum(weight * values[m] for m, weight in near.items())
     two = sum(weight * values[2 * m] for m, weight in near.items()) / 2.0
-    noise = ROUNDING * sizes
+    noise = RESIDUAL_ROUNDING * sizes
     size = float(np.abs(one).max())
     if max(size, np.abs(two).max()) <= noise:
         return 0.0, 0.0

@@ -33,7 +33,7 @@ from ..mechanism.loops import Loop, unit
 from ..mechanism.mechanism import Mechanism
 
 ARM = 0.1  # distance of the two points by which a hinge is held, relative to the size of the mechanism
-MASSLESS = 1e-12  # mass of bodies without mass, relative to that of all bodies
+NEGLIGIBLE_MASS = 1e-12  # mass of bodies without mass, relative to that of all bodies
 POWERS = 5  # coefficients of a joint equality
 SCALAR = ("R", "P", "Translation", "Universal", "SphericalZYX")  # each velocity is that of a hinge or a slide
 
@@ -211,7 +211,7 @@ def scene_of(mechanism: Mechanism, tilted) -> Scene:
     equalities, tendons, actuators = parts
     gravity = numbers(model.gravity.linear)
     others = list(bound_forces(writer.bare, writer.others).values())
-    mass = MASSLESS * (sum(inertia.mass for inertia in list(model.inertias)[1:]) or 1.0)
+    mass = NEGLIGIBLE_MASS * (sum(inertia.mass for inertia in list(model.inertias)[1:]) or 1.0)
     return Scene(
         writer.joints, tree, equalities, tendons, actuators, gravity, mass, mass * writer.size**2, writer.steady,
         writer.commands, writer.lengths, others,

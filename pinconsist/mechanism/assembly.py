@@ -23,8 +23,8 @@ MOST_SHOWN = 6  # joints in one warning
 DRIVEN = 1e-6  # rad or m: a given joint value farther than this from that of its drive contradicts the drive
 ROUNDED_GAP = 1e-3  # m or rad: larger gaps are not caused by rounded numbers
 NEARLY_SINGULAR = 1e-6  # smallest singular value of the loops' kept rows, relative to the largest
-TURN = 7.0  # rad: a little more than a full turn
-FAR = 10.0  # times the size of the mechanism at the guess: no body is meant to slide or to reach that far
+FULL_TURN = 7.0  # rad: a little more than a full turn
+MAX_REACH = 10.0  # times the size of the mechanism at the guess: no body is meant to slide or to reach that far
 FAR_STEPS = 10  # of Newton's method, without a bound: they converge from where the bounded search ended, or not at all
 
 
@@ -268,7 +268,7 @@ def _warn_of_degrees(solver, named) -> None:
         if np.size(value) != 1 or not is_revolute(mechanism.model.joints[mechanism.joint_index(joint)]):
             continue
         angle = float(np.ravel(value)[0])
-        if TURN < abs(angle) <= 360.0 and angle.is_integer():
+        if FULL_TURN < abs(angle) <= 360.0 and angle.is_integer():
             _warn(
                 solver,
                 f"{mechanism.name}: {joint} = {angle:g} is read in rad, {angle / tau:.1f} turns. For {angle:g} degrees "
@@ -369,7 +369,7 @@ def _far_off(solver, guess, q) -> str:
     slid = np.abs(change) * [unit == "m" for unit in velocity_units(model)]
     bodies, anchors = _points(solver, guess)
     size = _size([*bodies, *anchors.values()])
-    if not slid.max(initial=0.0) > FAR * size > 0.0:
+    if not slid.max(initial=0.0) > MAX_REACH * size > 0.0:
         return ""
     joints = [joint for joint in mechanism.joints if slid[mechanism.columns(joint)].max() > slid.max() / 2]
     at = ", ".join(f"{joint} = {_text(coordinates(model, joint, q))}" for joint in joints[:MOST_SHOWN])
@@ -388,7 +388,7 @@ def _far_anchors(solver, guess) -> str:
     bodies, anchors = _points(solver, guess)
     size, origin = _size(bodies), np.mean(bodies, axis=0)
     away = {end: float(np.linalg.norm(point - origin)) for end, point in anchors.items()}
-    far = {end: distance for end, distance in away.items() if distance > FAR * size > 0.0}
+    far = {end: distance for end, distance in away.items() if distance > MAX_REACH * size > 0.0}
     if not far:
         return ""
     (loop, end), distance = max(far.items(), key=lambda item: item[1])

@@ -15,7 +15,7 @@ from .lie import integrate
 from .names import BeyondLimit, beyond_limits, is_revolute, velocity_units
 from .rank import free_motions
 
-SAME = 1e-3  # relative to the size: at a double root a gap of NEARLY_CLOSED leaves errors of its square root
+SAME_MODE = 1e-3  # relative to the size: at a double root a gap of NEARLY_CLOSED leaves errors of its square root
 STARTS = 2000  # at most
 WITHOUT_NEW = 60, 30  # starts without a new mode after which the search ends: at least, and for each mode found
 INDEPENDENT = 1e-6  # of the motions of unit length: smaller parts do not determine a joint
@@ -83,7 +83,7 @@ def assembly_modes(mechanism, q0=None, seed: int = 0) -> Modes:
             continue
         q = _without_turns(solver, q, first.q)
         here = places.of(q)
-        same = next((i for i, each in enumerate(known) if np.abs(here - each).max(initial=0.0) < SAME), None)
+        same = next((i for i, each in enumerate(known) if np.abs(here - each).max(initial=0.0) < SAME_MODE), None)
         if same is None:
             found.append(q)
             known.append(here)

@@ -3,12 +3,12 @@
 import numpy as np
 
 from .lie import difference, integrate
+from .rank import ROUNDED_ROWS
 
-SAMPLES = 200  # positions at which the rank is measured at least
-NEAR = 1e-3  # of the largest of the run: disturbances of a thousandth decide the branch
-WEAK = 2e-5  # of the rows: rows that are independent by less are so because numbers are rounded
+RANK_SAMPLES = 200  # positions at which the rank is measured at least
+DISTURBANCE = 1e-3  # of the largest of the run: disturbances of a thousandth decide the branch
 MAX_MINIMA = 20  # minima that are searched for
-FINER = 8  # parts of an interval in which a minimum is searched for
+PARTS_OF_INTERVAL = 8  # parts of an interval in which a minimum is searched for
 
 
 def branch_times(system, t, q) -> tuple[float, ...]:
@@ -21,16 +21,16 @@ def branch_times(system, t, q) -> tuple[float, ...]:
     t, q = t[distinct], q[distinct]
     if not system.nc or len(t) < 3:
         return ()
-    some = np.unique(np.linspace(0, len(t) - 1, SAMPLES + 1).astype(int))
+    some = np.unique(np.linspace(0, len(t) - 1, RANK_SAMPLES + 1).astype(int))
     sizes, strongest = np.array([_independence(system, t[i], q[i]) for i in some]).T
     largest = sizes.max()
-    if not largest > WEAK * strongest.max():
+    if not largest > ROUNDED_ROWS * strongest.max():
         return ()
     lows = [k for k in range(1, len(some) - 1) if sizes[k - 1] > sizes[k] <= sizes[k + 1]]
     found = []
     for k in sorted(lows, key=lambda k: sizes[k])[:MAX_MINIMA]:
         time, size = _lowest(system, t, q, some[k - 1], some[k + 1])
-        if size < NEAR * largest:
+        if size < DISTURBANCE * largest:
             found.append(time)
     return tuple(sorted(found))
 
@@ -46,7 +46,7 @@ def _lowest(system, t, q, low, high) -> tuple[float, float]:
     from scipy.optimize import minimize_scalar
 
     while high - low > 2:
-        some = np.unique(np.linspace(low, high, FINER + 1).astype(int))
+        some = np.unique(np.linspace(low, high, PARTS_OF_INTERVAL + 1).astype(int))
         k = 1 + np.argmin([_independence(system, t[i], q[i])[0] for i in some[1:-1]])
         low, high = some[k - 1], some[k + 1]
     i = low + 1

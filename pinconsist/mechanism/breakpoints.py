@@ -19,10 +19,10 @@ from ..engine.arguments import may_read
 from ..errors import PinconsistError
 from .checks import finite_array
 from .motion import TIME_STEP
-from .sampling import APART, PARTS, SMOOTH, Change, changes, continues, samples_of
+from .sampling import PARTS, SAMPLE_SPACING, SMOOTH, Change, changes, continues, samples_of
 
 JUMP_OFFSET = 1e-13  # relative to a time, or to 1 s: offset at which functions are evaluated before and after a jump
-SAME = 1e-2  # distance of the samples of a function, relative to which nearer break points are one
+SAME_BREAKPOINT = 1e-2  # distance of the samples of a function, relative to which nearer break points are one
 NOTABLE = 1e-9  # change of a function, relative to it, that is a jump
 BEFORE = 5.0  # distances of samples; a pulse does not also begin so near to a jump
 
@@ -138,7 +138,7 @@ class Breakpoints:
     def look_on(self, t, t_end, q, v) -> None:
         """Find those of the next part of a run, which is sampled only if it is long."""
         if self.functions:
-            n = min(int(abs(t_end - t) / APART), samples_of(abs(t_end - t)))
+            n = min(int(abs(t_end - t) / SAMPLE_SPACING), samples_of(abs(t_end - t)))
             self._look(t, t_end, q, v, n if n >= PARTS else 0)
             self.start(t, t_end < t)
 
@@ -270,7 +270,7 @@ def _merged(found, apart):
     """Break points without those that are the same as others, and without smooth ones near to a jump or bend."""
     kept: list[tuple[float, bool | None]] = []
     for t, restarts in found:
-        near = max(SAME * apart, jump_offset(t))
+        near = max(SAME_BREAKPOINT * apart, jump_offset(t))
         if kept and t - kept[-1][0] <= near:
             kinds = [each for each in (kept[-1][1], restarts) if each is not None]
             kept[-1] = kept[-1][0], any(kinds) if kinds else None

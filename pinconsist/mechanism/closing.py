@@ -10,7 +10,7 @@ from .lie import difference, integrate
 from .rank import HELD, RANK_TOLERANCE, Ranking, free_motions, row_scales
 from .rows import LoopRows, Workspace, mass_matrix
 
-EXACT = 1e-14  # m or rad: rounding, which further iterations would only change
+EXACT_GAP = 1e-14  # m or rad: rounding, which further iterations would only change
 CLOSED_GAP = 1e-10  # m or rad; rounding errors are far below
 # Accepted with a warning: redundant loops contradict each other slightly if a file's numbers are rounded.
 NEARLY_CLOSED = 1e-8
@@ -18,7 +18,7 @@ MAX_ITERATIONS = 200
 RESTARTS = 8
 MAX_CORRECTIONS = 30
 STRIDE = 0.1  # rad or m: step size of the prescribed joints
-SHORTEST = STRIDE / 64
+SHORTEST_STRIDE = STRIDE / 64
 MOST_STRIDES = 400
 LEAP = 0.5  # rad or m: largest change of another joint in one step
 PARTED = 1e-7  # relative to Φ_θ: largest part that no motion can compensate
@@ -86,7 +86,7 @@ class LoopSolver:
         known = closed.get(place)
         if known is not None and self.size(known[0]) <= known[2]:  # many runs start from the same guess
             return known[0].copy(), known[1]
-        if self.size(guess) <= EXACT:
+        if self.size(guess) <= EXACT_GAP:
             return guess.copy(), 0
         best, total = self._closed(guess, free)
         if (size := self.size(best)) <= NEARLY_CLOSED:
@@ -154,7 +154,7 @@ class LoopSolver:
             following = self._small_step(q, share * way, free)
             if following is not None:
                 q, left = following, left - share
-            elif (share := share / 2) * length < SHORTEST:
+            elif (share := share / 2) * length < SHORTEST_STRIDE:
                 return None
         return q
 

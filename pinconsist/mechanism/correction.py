@@ -19,7 +19,7 @@ from .closing import LoopSolver, newton, steady
 from .description import digests
 from .lie import difference, integrate
 from .loops import anchor
-from .rank import ROUNDED, row_scales
+from .rank import SIX_DIGITS, row_scales
 from .rows import AnchoredRows
 from .wrenches import several_wrenches
 
@@ -31,7 +31,7 @@ _SEARCHES, _FREEDOM = 8, 2  # searches for singular configurations, and the larg
 _STEP = 1e-6  # of difference quotients of J
 _VANISHES, _NEAR = 1e-9, 1e-2  # singular values, relative to the largest: zero; close to a singular configuration
 _ITERATIONS = 8
-_BEYOND = 3.0  # times the precision: after a larger step the iteration is given up
+_OVERSHOOT = 3.0  # times the precision: after a larger step the iteration is given up
 _AGREE = 1e-12  # m or rad: gaps of consistent loops are smaller
 _LEAP = 0.5  # rad or m
 _found: dict[tuple, Any] = {}
@@ -68,7 +68,7 @@ def rounding_of(mechanism) -> Correction | None:
     key = parts["model"], parts["loops"], parts["guess"]
     if key not in _found:  # cached for the last mechanism: the search can take seconds, and any assembly may need it
         _found.clear()
-        _found[key] = correction(mechanism, ROUNDED) or correction(mechanism, 10 * ROUNDED)
+        _found[key] = correction(mechanism, SIX_DIGITS) or correction(mechanism, 10 * SIX_DIGITS)
     return _found[key]
 
 
@@ -78,7 +78,7 @@ def hint(mechanism) -> str:
     if found is None:
         return ""
     change = found.mechanism.corrected_by
-    precision = f"{ROUNDED if change <= ROUNDED else 10 * ROUNDED:.0e}"
+    precision = f"{SIX_DIGITS if change <= SIX_DIGITS else 10 * SIX_DIGITS:.0e}"
     return (
         f"the numbers in the file are rounded: load(…, precision={precision}) "
         f"changes them by up to {change:.1e} m or rad; the loops are then consistent and the mobility is "
@@ -93,7 +93,7 @@ def _corrected(walk, places, precision, branching) -> Correction | None:
     """
     mechanism, rank = walk.mechanism, walk.full
     parameters, dependent = 6 * (len(mechanism.joints) + 2 * len(mechanism.loops)), walk.solver.loop_rows.nc - rank
-    if np.max(np.abs(_step([walk.equations(place, rank) for place in places]))) > _BEYOND * precision:
+    if np.max(np.abs(_step([walk.equations(place, rank) for place in places]))) > _OVERSHOOT * precision:
         return None  # with more places, the change can only grow
     if branching and not 0 < rank + _FREEDOM >= mechanism.nv:
         return None
@@ -111,7 +111,7 @@ def _corrected(walk, places, precision, branching) -> Correction | None:
         if max(np.max(np.abs(gaps), initial=0.0) for gaps, _ in equations) < 0.1 * _AGREE:
             break
         change = _step(equations)
-        if np.max(np.abs(change)) > _BEYOND * precision:
+        if np.max(np.abs(change)) > _OVERSHOOT * precision:
             return None
         result = _changed(result, np.where(np.abs(change) > 0.1 * _AGREE, change, 0.0).reshape(-1, 6))
         walk = Walk(result, walk.weak, rank)

@@ -16,7 +16,7 @@ from .rows import AnchoredRows, LoopRows
 
 WIDTH = 100  # characters of a line
 SIZE, MARGIN = 320.0, 24.0  # pixels
-LEVEL = 0.05  # sine of the slope below which a plane counts as horizontal and is seen from above
+LEVEL_SLOPE = 0.05  # sine of the slope below which a plane counts as horizontal and is seen from above
 
 
 def text_of(mechanism) -> str:
@@ -129,7 +129,7 @@ def _plane(points):
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     normal = np.linalg.svd(points - points.mean(axis=0))[2][2]
     up = np.array([0.0, 0.0, 1.0]) - normal[2] * normal
-    if np.linalg.norm(up) < LEVEL:  # seen from above
+    if np.linalg.norm(up) < LEVEL_SLOPE:  # seen from above
         up = np.array([0.0, 1.0, 0.0]) - normal[1] * normal
     up /= np.linalg.norm(up)
     right = np.cross(up, normal)

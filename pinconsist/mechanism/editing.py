@@ -22,7 +22,7 @@ from .names import by_joint
 from .rank import RANK_TOLERANCE, free_motions
 from .rows import LoopRows
 
-PLACES = 5  # closed configurations, besides the first, at which joints and rows are examined
+REDUCTION_PLACES = 5  # closed configurations, besides the first, at which joints and rows are examined
 IMMOBILE = 1e-7  # share in the free motions, and displacement in rad or m, below which a joint counts as immobile
 _LIMITS = [f"{end}{what}Limit" for what in ("DryFriction", "Effort", "Velocity") for end in ("lower", "upper")]
 _PER_JOINT = [  # the arrays of a model with an entry for each coordinate, and for each velocity
@@ -36,7 +36,7 @@ def reduced(mechanism, q=None):
     """See :meth:`Mechanism.reduced`."""
     closed = assemble(mechanism, q).q
     walk = Walk(mechanism.with_loops(*steady(mechanism.loops)), RANK_TOLERANCE)
-    places = [closed, *walk.places(1 + PLACES, closed)[1:]]
+    places = [closed, *walk.places(1 + REDUCTION_PLACES, closed)[1:]]
     still = _still_joints(walk.solver, places)
     if len(still) == len(mechanism.joints):
         raise InputError(f"{mechanism.name}: the loops leave no motion, so the reduced mechanism would have no joints")

@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import InputError, PinconsistError
 from .checks import number, put_checked
 
-NEARBY = 1.7e-3  # s, from the start, where given derivatives are checked as well
+CHECK_DELAY = 1.7e-3  # s, from the start, where given derivatives are checked as well
 TIME_STEP = 1e-3  # s, of difference quotients in time
 RESOLVED = 1e-7  # relative difference of the fourth and sixth order below which a step resolves a function
 ASIDE = 7.0  # steps, distance of differences that have no point in common
@@ -232,7 +232,7 @@ def check_rate(what: str, of: str, function, rate, t: float, steps) -> None:
 
     check(t, rate(t))
     refusals = []
-    for near in (t + NEARBY, t - NEARBY):
+    for near in (t + CHECK_DELAY, t - CHECK_DELAY):
         try:
             slope = rate(near)
         except PinconsistError:  # it need not be defined there

@@ -11,7 +11,7 @@ import pinocchio as pin
 from ..errors import InputError
 from .checks import ROTATION, finite_array, places
 
-ROUNDING = 1e-9  # rad or m, beyond a limit
+LIMIT_ROUNDING = 1e-9  # rad or m, beyond a limit
 
 
 def position_names(model) -> list[str]:
@@ -148,7 +148,7 @@ class BeyondLimit:
 
     def __str__(self):
         limit = self.upper if self.value > self.upper else self.lower
-        value = self.value if abs(self.value) > ROUNDING else 0.0
+        value = self.value if abs(self.value) > LIMIT_ROUNDING else 0.0
         return f"{self.joint} reaches {value:.4g} of {limit:.4g}, first at t = {self.t:.6g} s"
 
 
@@ -174,7 +174,7 @@ def beyond_limits(mechanism, t, q) -> tuple[BeyondLimit, ...]:
         if high - low < inf and model.joints[i].shortname().startswith("JointModelR"):
             values = values - tau * np.round((values[0] - (low + high) / 2) / tau)
         beyond = np.maximum(values - high, low - values)
-        if (out := np.flatnonzero(beyond > ROUNDING)).size:
+        if (out := np.flatnonzero(beyond > LIMIT_ROUNDING)).size:
             value = float(values[np.argmax(beyond)])
             found.append(BeyondLimit(position_names(model)[at], float(t[out[0]]), value, low, high))
     return tuple(found)

@@ -19,12 +19,12 @@ from .joint_constraints import JointConstraint
 from .loops import Loop
 from .mechanism import Mechanism
 from .peaks import HasPeaks
-from .rank import Ranking
+from .rank import ROUNDED_ROWS, Ranking
 from .rows import LoopRows, Workspace
 from .self_stress import (
     JOINT,
     LOOP,
-    PART,
+    STRESS_ROUNDING,
     WAYS,
     Member,
     compliances,
@@ -38,13 +38,7 @@ from .wrenches import Transmission, loop_wrenches
 
 AXES = ("world", "anchor")
 JOINT_AXES = ("world", "joint")
-NEARLY_SINGULAR = 2e-5
-"""Relative singular value below which rows are independent only because numbers of a file are rounded.
-
-Measured: 4e-6 and 3e-7 at the shins of ``cassie``. The smallest values of well-determined forces are 1.7e-4, at a foot
-of ``cassie_reduced``, 4e-4 at a foot of ``cassie_v2``, 7e-4 in ``kangaroo_like`` and 1e-2 in ``digit_like``.
-"""
-SHARE = 0.1  # smallest share of a loop in a dependence that it belongs to; unrelated loops of Cassie have 5e-4
+LOOP_SHARE = 0.1  # smallest share of a loop in a dependence that it belongs to; unrelated loops of Cassie have 5e-4
 
 
 def listed(names, most: int = 4) -> str:
@@ -362,7 +356,7 @@ def shared_rows(states: States) -> list[int]:
     found = np.zeros(rows.nc, dtype=bool)
     for each in _loaded(states, rows, stress, states.lam).values():
         sizes = np.linalg.norm(each.multipliers, axis=1)
-        found |= sizes > PART * sizes.max()
+        found |= sizes > STRESS_ROUNDING * sizes.max()
     return np.flatnonzero(found).tolist()
 
 
@@ -421,7 +415,7 @@ def _components(rows, member, parts) -> tuple[str, ...]:
     names = WAYS
     if loop is not None and not isinstance(loop, Loop):
         names = ("torque",) if isinstance(loop, JointConstraint) else loop.rows
-    return tuple(name for name, part in zip(names, parts, strict=True) if part > PART)
+    return tuple(name for name, part in zip(names, parts, strict=True) if part > STRESS_ROUNDING)
 
 
 def _doubts(states, stress, member, axes, lam, transmission=None) -> dict[str, Any]:
@@ -445,7 +439,7 @@ def _doubts(states, stress, member, axes, lam, transmission=None) -> dict[str, A
         together = (member, *(each for each in partners if first.bodies[member][0] in first.bodies.get(each, ())))
     total = _resultant(states, transmission or states.transmission(lam=lam), member, together, axes)
     for each in loaded.values():
-        total[:, each.parts_of_sum(together, member, axes) > PART] = np.nan
+        total[:, each.parts_of_sum(together, member, axes) > STRESS_ROUNDING] = np.nan
     force, moment = read_only(total[:, :3]), read_only(total[:, 3:])
     names = tuple(name for _, name in together)
     return found | {"resultant_of": names, "resultant_force": force, "resultant_moment": moment}
@@ -511,14 +505,14 @@ def _nearly_dependent(rows: LoopRows, J) -> dict[str, float]:
     if not len(kept := ranking.kept):
         return {}
     scaled = (J / ranking.scales[:, None])[kept]
-    if (sizes := np.linalg.svd(scaled, compute_uv=False))[-1] >= NEARLY_SINGULAR * sizes[0]:
+    if (sizes := np.linalg.svd(scaled, compute_uv=False))[-1] >= ROUNDED_ROWS * sizes[0]:
         return {}
     shares, sizes, _ = np.linalg.svd(scaled)
     found: dict[str, float] = {}
-    for k in np.flatnonzero(sizes < NEARLY_SINGULAR * sizes[0])[::-1]:
+    for k in np.flatnonzero(sizes < ROUNDED_ROWS * sizes[0])[::-1]:
         for name, part in rows.slices.items():
             its = (kept >= part.start) & (kept < part.stop)
-            if np.linalg.norm(shares[its, k]) > SHARE:
+            if np.linalg.norm(shares[its, k]) > LOOP_SHARE:
                 found.setdefault(name, float(sizes[k] / sizes[0]))
     return found
 

@@ -16,19 +16,19 @@ import numpy as np
 EPS = float(np.finfo(float).eps)
 FEWEST_SAMPLES = 1999  # of a span; a prime, as the next one, so that they do not meet the zeros of a fast oscillation
 MOST_SAMPLES = 9973
-APART = 0.9727e-3  # s, between samples, where their number allows it; no part of usual periods
+SAMPLE_SPACING = 0.9727e-3  # s, between samples, where their number allows it; no part of usual periods
 COARSER = 4  # ratio of the distances of samples at which differences are taken
 COARSEST = 30  # samples of a span, at least
 GROWTH = 30.0  # of the fourth difference, relative to those of a window before it, that starts a pulse
-WINDOW = 5  # samples
-LEVEL = 1e3  # growth of the fourth difference within a slow start after which steps end again
-NOISE = 64.0 * EPS  # fourth difference of rounded samples, relative to their size
+SAMPLE_WINDOW = 5  # samples
+SLOW_START_GROWTH = 1e3  # growth of the fourth difference within a slow start after which steps end again
+SAMPLE_NOISE = 64.0 * EPS  # fourth difference of rounded samples, relative to their size
 NEGLIGIBLE = 1e-9  # fourth differences, relative to the largest, that count as zero
 PARTS = 12  # subintervals of an interval that is sampled again; the four of a fourth difference are the next interval
 CLASSIFIED = 3  # how often, before the order is judged
 MOST_CALLS = 10_000  # for exact times; later ones are known to a sample
 SMOOTH = 3  # order of what is neither a jump nor a bend
-BESIDE = 2  # samples near a change that may belong to the other side
+SAMPLES_BESIDE = 2  # samples near a change that may belong to the other side
 PEAK = 1e-6  # deviation from a straight line, relative to the size, in which there is no peak
 
 
@@ -55,7 +55,7 @@ def changes(function, t0: float, t1: float, n: int) -> list[Change]:
     if len(values) < PARTS:
         return []
     sizes = np.abs(values).max(axis=0)
-    varying = np.ptp(values, axis=0) > NOISE * sizes
+    varying = np.ptp(values, axis=0) > SAMPLE_NOISE * sizes
     if not varying.any():
         return []
     watched.use(varying, sizes[varying])
@@ -64,7 +64,7 @@ def changes(function, t0: float, t1: float, n: int) -> list[Change]:
 
 def samples_of(length: float) -> int:
     """The number of samples of a span of this length, s."""
-    return int(min(max(FEWEST_SAMPLES, length / APART), MOST_SAMPLES))
+    return int(min(max(FEWEST_SAMPLES, length / SAMPLE_SPACING), MOST_SAMPLES))
 
 
 def continues(function, t: float, step: float) -> bool:
@@ -76,7 +76,7 @@ def continues(function, t: float, step: float) -> bool:
     if len(values) < PARTS + PARTS // 3:
         return False
     fourth, size = _fourth(values), np.abs(values).max(initial=0.0)
-    return bool(fourth.max() <= GROWTH * max(fourth[: PARTS - 4].max(), NOISE * size))
+    return bool(fourth.max() <= GROWTH * max(fourth[: PARTS - 4].max(), SAMPLE_NOISE * size))
 
 
 class _Watched:
@@ -128,12 +128,12 @@ class _Search:
     def _look(self, apart) -> None:
         """Add what differences of samples so far apart show, and those of closer ones do not."""
         fourth = _fourth(self._values[::apart])
-        activity = np.maximum(fourth, max(NOISE, NEGLIGIBLE * fourth.max(initial=0.0)))
+        activity = np.maximum(fourth, max(SAMPLE_NOISE, NEGLIGIBLE * fourth.max(initial=0.0)))
         begins = {i + 3: i + 3 for i in _growing(activity)}  # interval → the sample outside of the pulse
         ends = {len(activity) - 1 - i: len(activity) - i for i in _growing(activity[::-1])}
         known = np.array(sorted(self._found), float)
         for i, outside in sorted((begins | ends).items()):
-            if not (np.abs(known - (i + 0.5) * apart) <= WINDOW * apart).any():
+            if not (np.abs(known - (i + 0.5) * apart) <= SAMPLE_WINDOW * apart).any():
                 place = outside * apart
                 self._found[place] = self._exactly(i, place) if apart == 1 else Change(float(self._times[place]))
 
@@ -143,13 +143,13 @@ class _Search:
             return
         last = len(self._times) - 1
         for i, j in pairwise([0, *sorted(self._found), last]):
-            inside = self._values[i + BESIDE : j + 1 - BESIDE]
-            if len(inside) < WINDOW:
+            inside = self._values[i + SAMPLES_BESIDE : j + 1 - SAMPLES_BESIDE]
+            if len(inside) < SAMPLE_WINDOW:
                 continue
             part = np.linspace(0.0, 1.0, len(inside))[:, None]
             off = np.abs(inside - (1.0 - part) * inside[0] - part * inside[-1]).max(axis=1)
             if off.max() > PEAK:
-                at = i + BESIDE + int(np.argmax(off))
+                at = i + SAMPLES_BESIDE + int(np.argmax(off))
                 self._found[at] = Change(float(self._times[at]))
 
     def _exactly(self, i, outside) -> Change:
@@ -164,13 +164,13 @@ class _Search:
             fourth = _fourth(values)
             largest.append(fourth.max())
             if len(largest) == CLASSIFIED + 1:
-                fall = np.log(largest[0] / max(largest[-1], NOISE)) / np.log(PARTS / 4.0)
+                fall = np.log(largest[0] / max(largest[-1], SAMPLE_NOISE)) / np.log(PARTS / 4.0)
                 order = round(float(fall) / CLASSIFIED)
                 if not 0 <= order < SMOOTH:  # below, it is noise
                     order = SMOOTH
                     break
             at = int(np.argmax(fourth))
-            if largest[-1] < NOISE or abs(high - low) < PARTS * np.spacing(abs(low) + abs(high)):
+            if largest[-1] < SAMPLE_NOISE or abs(high - low) < PARTS * np.spacing(abs(low) + abs(high)):
                 break
             low, high = times[at], times[at + 4]
         if order == SMOOTH:
@@ -179,12 +179,12 @@ class _Search:
 
 
 def _growing(activity) -> list[int]:
-    """The indices at which activity has grown by GROWTH after a window of rest, and by LEVEL after that."""
-    grows = _quiet(activity, 1) | _quiet(activity, WINDOW)
+    """The indices at which activity has grown by GROWTH after a window of rest, and by SLOW_START_GROWTH after that."""
+    grows = _quiet(activity, 1) | _quiet(activity, SAMPLE_WINDOW)
     found: list[int] = []
     for i in np.flatnonzero(grows).tolist():
         goes_on = found and grows[found[-1] : i].all()
-        if not goes_on or activity[i] > LEVEL * activity[found[-1]]:
+        if not goes_on or activity[i] > SLOW_START_GROWTH * activity[found[-1]]:
             found.append(i)
     return found
 
@@ -193,6 +193,6 @@ def _quiet(activity, lag):
     """Whether activity is more than GROWTH times what it was in a window so many samples before, or at the start."""
     if len(activity) <= lag:
         return np.zeros(len(activity), bool)
-    padded = np.concatenate((np.zeros(WINDOW - 1), activity[:-lag]))
-    before = np.lib.stride_tricks.sliding_window_view(padded, WINDOW).max(axis=1)
+    padded = np.concatenate((np.zeros(SAMPLE_WINDOW - 1), activity[:-lag]))
+    before = np.lib.stride_tricks.sliding_window_view(padded, SAMPLE_WINDOW).max(axis=1)
     return np.concatenate((np.zeros(lag, bool), activity[lag:] > GROWTH * before))

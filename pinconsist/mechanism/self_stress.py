@@ -19,15 +19,15 @@ from .wrenches import several_wrenches
 
 JOINT, LOOP = "joint", "loop"
 Member = tuple[str, str]  # JOINT or LOOP, and its name
-SAMPLES = 5  # rows of a run at which dependences are searched for
-PART = 1e-6  # smallest part of a unit self-stress, and of the largest force, that is not rounding
+DEPENDENCE_ROWS = 5  # rows of a run at which dependences are searched for
+STRESS_ROUNDING = 1e-6  # smallest part of a unit self-stress, and of the largest force, that is not rounding
 DETERMINED = 1e-12  # of the largest: smallest energy of a self-stress that compliances determine
 WAYS = tuple(f"{what} {axis}" for what in ("force", "moment") for axis in "xyz")
 
 
 def sampled(n: int) -> list[int]:
     """Rows of a run of `n` rows at which dependences of its loops are searched for."""
-    return list(dict.fromkeys(k * (n - 1) // (SAMPLES - 1) for k in range(SAMPLES))) if n else []
+    return list(dict.fromkeys(k * (n - 1) // (DEPENDENCE_ROWS - 1) for k in range(DEPENDENCE_ROWS))) if n else []
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,18 +91,20 @@ class SelfStress:
         largest = max((np.linalg.norm(wrench) for _, wrench in halves), default=0.0)
         along = np.array([mine.T @ wrench for mine, wrench in halves])
         _, sizes, ways = np.linalg.svd(along)
-        return ways[: np.count_nonzero(sizes > PART * largest)].T if largest else np.zeros((len(ways), 0))
+        return ways[: np.count_nonzero(sizes > STRESS_ROUNDING * largest)].T if largest else np.zeros((len(ways), 0))
 
     def partners(self, member: Member) -> tuple[Member, ...]:
         """The other members with which one shares these self-stresses, directly or by others."""
         scaled = [self._scaled(found) if each in self.poses else found for each, found in self.members.items()]
         basis, weights, _ = np.linalg.svd(np.vstack(scaled), full_matrices=False)
-        basis = basis[:, weights > PART * weights.max(initial=0.0)]
+        basis = basis[:, weights > STRESS_ROUNDING * weights.max(initial=0.0)]
         blocks = dict(zip(self.members, np.split(basis, np.cumsum([len(part) for part in scaled])[:-1]), strict=True))
         found, waiting = [member], [member]
         while waiting:
             mine = blocks[waiting.pop()]
-            fresh = [each for each in blocks if each not in found and np.abs(mine @ blocks[each].T).max() > PART]
+            fresh = [
+                each for each in blocks if each not in found and np.abs(mine @ blocks[each].T).max() > STRESS_ROUNDING
+            ]
             found += fresh
             waiting += fresh
         return tuple(each for each in found if each != member)

@@ -21,8 +21,8 @@ from .names import is_revolute
 from .rank import RANK_TOLERANCE
 
 ROUND = 1e-5  # relative: largest difference of the moments of inertia across the axis, and distances from it
-STILL = 1e-7  # largest |J| of a spin that moves nothing
-PLACES = 3  # closed configurations, besides the first, at which this is examined
+SPIN_STILL = 1e-7  # largest |J| of a spin that moves nothing
+SPIN_PLACES = 3  # closed configurations, besides the first, at which this is examined
 _log = logging.getLogger(__name__)
 
 
@@ -126,10 +126,10 @@ def _opened(loop, mechanism, spins, q):
 
 def _free(mechanism, spins, closed) -> list[Spin]:
     """The spins that move no loop, at several closed configurations."""
-    places = [closed, *Walk(mechanism, RANK_TOLERANCE).places(1 + PLACES, closed)[1:]]
+    places = [closed, *Walk(mechanism, RANK_TOLERANCE).places(1 + SPIN_PLACES, closed)[1:]]
     solver = LoopSolver(mechanism)
     largest = np.max([np.abs(solver.rows(place)[1]) for place in places], axis=(0, 1))
-    return [spin for spin in spins if largest[mechanism.columns(spin.joint)].max() <= STILL]
+    return [spin for spin in spins if largest[mechanism.columns(spin.joint)].max() <= SPIN_STILL]
 
 
 def _without_spin(inertia, axis):

@@ -26,10 +26,14 @@ from .names import velocity_names
 from .rows import KeptRows, mass_matrix
 
 DROPPED_GAP = 1e-6  # gap of a dropped row, relative to the mechanism's size, that shows that it was needed
-NEAR = np.array([1e-8, 1e-6, 1e-4, 1e-3])  # changes of velocity, relative to the largest, over which jumps are sought
+VELOCITY_CHANGES = np.array(
+    [1e-8, 1e-6, 1e-4, 1e-3]
+)  # changes of velocity, relative to the largest, over which jumps are sought
 JUMP = 1e-3  # smallest jump, relative to the force
 SIMULTANEOUS = 1e-9  # relative difference of times below which changes count as simultaneous
-NEARBY = 1e-3  # rad and m: distance at which the rank of the loops is checked around a position with dependent rows
+RANK_DISTANCE = (
+    1e-3  # rad and m: distance at which the rank of the loops is checked around a position with dependent rows
+)
 
 
 class MechanismSystem(Index3System):
@@ -310,7 +314,7 @@ class MechanismSystem(Index3System):
         solver, rng, highest = LoopSolver(self.mechanism, self.chosen_at), np.random.default_rng(0), 0
         for _ in range(3):
             motion = free @ rng.standard_normal(free.shape[1])
-            nearby, _ = solver.close(integrate(self.model, q, NEARBY * motion / np.linalg.norm(motion)))
+            nearby, _ = solver.close(integrate(self.model, q, RANK_DISTANCE * motion / np.linalg.norm(motion)))
             highest = max(highest, len(solver.kept(nearby)))
         return highest
 
@@ -347,7 +351,7 @@ class MechanismSystem(Index3System):
 
 def _jumps(function, v) -> bool:
     """Whether a function changes over an eighth of a small velocity difference as much as over all of it."""
-    for way in np.multiply.outer(NEAR * (1.0 + np.abs(v).max()), np.eye(len(v))).reshape(-1, len(v)):
+    for way in np.multiply.outer(VELOCITY_CHANGES * (1.0 + np.abs(v).max()), np.eye(len(v))).reshape(-1, len(v)):
         far, near = (function(v + part * way) - function(v - part * way) for part in (1.0, 0.125))
         if 10.0 * np.abs(far - near).max() < np.abs(far).max() > JUMP * np.abs(function(v)).max():
             return True

@@ -9,7 +9,7 @@ from .forces import bound_forces
 from .loops import Loop
 from .rows import KeptRows, LoopRows
 
-ROUNDING = 1e-9  # of the largest wrench: smaller ones are rounding
+WRENCH_ROUNDING = 1e-9  # of the largest wrench: smaller ones are rounding
 
 
 class Load(NamedTuple):
@@ -72,7 +72,11 @@ class Transmission:
         """:meth:`wrench` of each joint by its name, without those that transmit nothing but rounding, as free ones."""
         found = {self.model.names[joint]: self.wrench(joint) for joint in range(1, self.model.njoints)}
         largest = max((np.abs(wrench).max(initial=0.0) for wrench in found.values()), default=0.0)
-        return {name: wrench for name, wrench in found.items() if np.abs(wrench).max(initial=0.0) > ROUNDING * largest}
+        return {
+            name: wrench
+            for name, wrench in found.items()
+            if np.abs(wrench).max(initial=0.0) > WRENCH_ROUNDING * largest
+        }
 
     def resultant(self, members, body: int, point) -> np.ndarray:
         """[force, moment about `point` (n, 3)] of some loops and joints together on a body, (n, 6), in world axes."""

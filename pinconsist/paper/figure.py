@@ -17,7 +17,7 @@ STARTS = {  # name in a comparison → style, and label
     "consistent": (0, "consistent start"),
     "every_step": (2, "every step corrected"),
 }
-EXACT = 1e-6  # relative to the largest error: a first row with a smaller one is an exact start
+EXACT_START = 1e-6  # relative to the largest error: a first row with a smaller one is an exact start
 
 
 def plot_comparison(rows, file=None) -> Figure:
@@ -69,7 +69,7 @@ def plot_comparison(rows, file=None) -> Figure:
                 if not error.shape == t.shape == (t.size,):
                     raise InputError(f"the errors for h = {h:g} do not have the shape of t, {t.shape}")
             size = np.max(list(errors.values()), axis=0)
-            first = int(np.argmax(size > EXACT * size.max(initial=0.0)))
+            first = int(np.argmax(size > EXACT_START * size.max(initial=0.0)))
             times, label = clock(t[first:])
             for name, error in errors.items():
                 k, what = STARTS[name]

@@ -23,7 +23,7 @@ from .step import State, factorised, kkt_matrix, solved
 
 PROJECTIONS = 20  # iterations of a projection, at most
 GAP_LEFT = 1e-15  # gap relative to the position that is rounding
-TURN = 1.0  # rad, or m: the most that a position moves in one chart
+MAX_CHART_STEP = 1.0  # rad, or m: the most that a position moves in one chart
 CHOICES = 100  # times in a reference solution at which the choice of constraint rows is checked
 
 
@@ -121,7 +121,7 @@ def _advance(system, now, target, rtol, atol) -> State:
     """The state at `target`, or as far towards it as one chart reaches."""
     if not system.vector_like:
         speed = np.abs(system.rate(now.t, now.p, now.v)).max(initial=0.0)
-        parts = int(np.ceil(speed * abs(target - now.t) / TURN)) or 1
+        parts = int(np.ceil(speed * abs(target - now.t) / MAX_CHART_STEP)) or 1
         target = target if parts == 1 else now.t + (target - now.t) / parts
     xi = now.p if system.vector_like else np.zeros(system.nx)
     f = right_hand_side(system, now.p, partial(acceleration, system))

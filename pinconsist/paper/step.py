@@ -27,7 +27,7 @@ from .formula import derivative_weights, history_weights, prediction_weights
 
 ITERATIONS = 30  # of Newton, at most
 CONVERGED = 1e-15  # relative increment that is rounding
-ROUNDING = 1e-7  # relative increment below which an iteration that no longer converges is at rounding
+STAGNATION = 1e-7  # relative increment below which an iteration that no longer converges is at rounding
 
 
 @dataclass
@@ -103,7 +103,7 @@ def bdf_step(system, history, h: float, k: int) -> State:
         v = v - dv
         lam = lam - dlam
         size = _largest(dv) / (1.0 + _largest(v)) + c**2 * _largest(dlam) / (1.0 + c**2 * _largest(lam))
-        if size <= CONVERGED or (size <= ROUNDING and size >= 0.5 * last):
+        if size <= CONVERGED or (size <= STAGNATION and size >= 0.5 * last):
             p, _ = system.position(t, base, psi_x, c, v)
             return State(t, p, v, lam, factors)
         last = size

@@ -13,7 +13,7 @@ from ..engine.arguments import may_read
 from ..engine.norms import largest
 from ..errors import InputError, PinconsistError, UserFunctionError, warn
 
-STILL = 1e-9  # change of a velocity by a projection, rad/s or m/s, that is none
+PROJECTION_ROUNDING = 1e-9  # change of a velocity by a projection, rad/s or m/s, that is none
 SET, SMALL = 1e-2, 1e-3  # change of a velocity that was set, relative to it and to the largest, that is reported
 
 
@@ -144,7 +144,7 @@ def lost_in_projection(before, wanted, after) -> int | None:
     if wanted is None:
         return None
     lost = np.abs(after - wanted)
-    allowed = SET * np.maximum(np.abs(wanted), np.abs(before)) + SMALL * largest(before) + STILL
+    allowed = SET * np.maximum(np.abs(wanted), np.abs(before)) + SMALL * largest(before) + PROJECTION_ROUNDING
     lost[(wanted == before) | (lost <= allowed)] = 0.0
     return int(np.argmax(lost)) if lost.any() else None
 

@@ -17,7 +17,7 @@ from .events import EventWatch, state_after
 from .modes import Modes
 from .output import FAILED, STOPPED, SUCCESS, Output, Record, Stop
 
-BEYOND = 1e-6  # of a step, after which the modes of redundant rows are decided
+JUST_AFTER = 1e-6  # of a step, after which the modes of redundant rows are decided
 RESTS = 1e-6  # relative speed after an impact below which contacts rest, with fixed steps
 
 
@@ -318,7 +318,7 @@ class March:
         beyond = None
         if ended and ended[0][0] is None:  # redundant rows, whose modes are those a little later
             a = stepper.index1.acceleration(t, p, v)[0]
-            later = BEYOND * abs(stepper.h)
+            later = JUST_AFTER * abs(stepper.h)
             beyond = t + later, stepper.system.integrate(p, later * v), v + later * a
         p, v = modes.change(t, p, v, ended, beyond)
         if modes.system is not stepper.system:

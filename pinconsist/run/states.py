@@ -14,7 +14,9 @@ from .options import Options
 from .output import Output
 from .steppers import stepper_for
 
-APART = 0.1  # of the way of a step: if its repetition ends farther from its end than this, it is another motion
+REPEAT_DISTANCE = (
+    0.1  # of the way of a step: if its repetition ends farther from its end than this, it is another motion
+)
 
 
 def states_at(solution, times, mechanism=None):
@@ -133,7 +135,7 @@ class Steps:
         if len(run.t) <= len(times):
             raise PinconsistError(run.message)
         way, off = system.difference(q0, q1), system.difference(run.p[-1], q1)
-        if largest(off) > APART * max(largest(way), largest((t1 - t0) * v0), 1e-6):
+        if largest(off) > REPEAT_DISTANCE * max(largest(way), largest((t1 - t0) * v0), 1e-6):
             raise PinconsistError("an event, or a force that the solution does not have, acted there")
         share = (times - t0) / (t1 - t0)
         share = (share**2 * (3.0 - 2.0 * share))[:, None]

@@ -32,8 +32,8 @@ RADIUS, HEAD = 0.011, 0.1  # radius of a shaft and length of a head, relative to
 THINNEST = 0.55  # relative width of short arrows, so that they are visible in front of their loop
 ARC = 1.5 * np.pi  # angle of a ring, rad
 TUBE, TIP = 0.04, 0.35  # thickness of a ring and length of its head, relative to its radius
-ROUNDING = 1e-9  # smaller moments, relative to the largest, are rounding, such as tilts of a planar hinge
-SAMPLES = 5  # rows at which it is found which joints share a load
+MOMENT_ROUNDING = 1e-9  # smaller moments, relative to the largest, are rounding, such as tilts of a planar hinge
+SHARING_ROWS = 5  # rows at which it is found which joints share a load
 MOSTLY = 95  # percentage of the time
 SPIKE = 3.0  # an outlier exceeds the percentile MOSTLY by this factor
 
@@ -85,7 +85,7 @@ def actions(run: Run, poses: np.ndarray, size: float, without=frozenset()) -> li
         torques = sum(torques_of(force, run.t, run.q, run.v, workspace) for force in bound)
         out += _on_joints(run, poses, "motor", torques)
     largest = max((each.norms.max() / (size if each.kind == MOMENT else 1.0) for each in out), default=0.0)
-    return [each for each in out if each.kind == FORCE or each.norms.max() > ROUNDING * largest * size]
+    return [each for each in out if each.kind == FORCE or each.norms.max() > MOMENT_ROUNDING * largest * size]
 
 
 def _of_loop(run: Run, poses: np.ndarray, loop: Loop, found) -> list[Action]:
@@ -135,7 +135,7 @@ def sharing(run: Run, loops) -> list[str]:
     """Joints of the tree that share their loads with one of the `loops`."""
     if not loops or accelerations_of(run) is None:
         return []
-    few = only(run.source, np.unique(np.linspace(0, len(run.source.t) - 1, SAMPLES).astype(int)))
+    few = only(run.source, np.unique(np.linspace(0, len(run.source.t) - 1, SHARING_ROWS).astype(int)))
     shared = {name: few.joint_force(name, run.mech).shared_with for name in run.mech.joints}
     return [name for name, others in shared.items() if any(other in loops for other in others)]
 

@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import PinconsistError
 
 ROWS = 500  # points of a curve; up to twice as many where rows are far apart
-FAR = 0.02  # of its range: a value farther from the line through its neighbours needs more points around it
+FAR_FROM_LINE = 0.02  # of its range: a value farther from the line through its neighbours needs more points around it
 ROUNDS = 4  # of such points
 log = logging.getLogger(__name__)
 
@@ -94,7 +94,7 @@ def _middles(found):
     share = ((here - before)[inner] / (after - before)[inner])[:, None]
     lines = values[inner] + share * (values[inner + 2] - values[inner])
     far = (np.abs(values[inner + 1] - lines) / np.maximum(np.ptp(values, axis=0), 1e-300)).max(axis=1, initial=0.0)
-    chosen = inner[far > FAR][np.argsort(-far[far > FAR], kind="stable")]
+    chosen = inner[far > FAR_FROM_LINE][np.argsort(-far[far > FAR_FROM_LINE], kind="stable")]
     t = found.t
     both = np.column_stack(((t[chosen] + t[chosen + 1]) / 2, (t[chosen + 1] + t[chosen + 2]) / 2)).ravel()
     return both[np.sort(np.unique(both, return_index=True)[1])]

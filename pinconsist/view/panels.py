@@ -28,7 +28,7 @@ LOOK = {
     "lines.markersize": 4, "legend.fontsize": 7.5, "legend.frameon": False, "figure.dpi": 130, "savefig.dpi": 160,
 }  # fmt: skip
 FIRST_STEPS = 20
-ROUNDING = 1e-16  # lower end of axes of residuals
+RESIDUAL_FLOOR = 1e-16  # lower end of axes of residuals
 PORTRAITS, ABREAST = 12, 4  # largest number of phase portraits; portraits in a row
 
 
@@ -320,12 +320,12 @@ def drift(left, right, drawn):
         named = sorted(np.argsort(-values.max(axis=0), kind="stable")[:LEGEND])
         for k, column in enumerate(named):
             dots = style(k) | {"linestyle": "none", "markersize": 2.5}
-            seen = np.where(values[:, column] > 0, np.maximum(values[:, column], ROUNDING), np.nan)
+            seen = np.where(values[:, column] > 0, np.maximum(values[:, column], RESIDUAL_FLOOR), np.nan)
             axis.plot(t, seen, label=labels[column], **dots)
         worst = "" if len(named) == len(labels) else f", the worst {len(named)} of {len(labels)}"
         axis.set(title=title + worst, xlabel=time)
         if values.any():
-            axis.set(yscale="log", ylim=(ROUNDING, max(10 * values.max(), 100 * ROUNDING)))
+            axis.set(yscale="log", ylim=(RESIDUAL_FLOOR, max(10 * values.max(), 100 * RESIDUAL_FLOOR)))
             legend_beside(axis)
         else:
             axis.set_yticks([0.0])

@@ -19,7 +19,7 @@ THIN = 0.3  # radius of a bar in shapes that are thinner than it, relative to th
 TURNS, STRAIGHT = 9, 0.12  # number of turns of a coil; share of its length that is straight, at each end
 COIL, WIRE = 0.018, 0.003  # radius of a coil and of its wire, relative to the size of the picture
 SEGMENTS, SIDES = 16, 6  # segments of a turn, and sides of the cross-section of the wire
-TOUCHING = 1e-3  # relative to the scene: bodies this close meet at a joint or a loop
+MEETING = 1e-3  # relative to the scene: bodies this close meet at a joint or a loop
 SMALLEST = 1e-5  # smallest scale; three.js cannot invert a transformation with scale 0
 OCTAHEDRON = np.vstack((np.eye(3), -np.eye(3)))
 
@@ -111,7 +111,7 @@ def link_colors(mech: Mechanism, poses: np.ndarray, ends: dict[int, list[np.ndar
     colors: dict[int, int] = {}
     for joint, own in points.items():
         apart = {other: np.linalg.norm(own[:, None] - points[other], axis=2).min() for other in colors}
-        near = [colors[other] for other, distance in apart.items() if distance <= TOUCHING * size]
+        near = [colors[other] for other, distance in apart.items() if distance <= MEETING * size]
         given = list(colors.values())
         colors[joint] = min(LINK_COLORS, key=lambda color: (near.count(color), given.count(color)))
     return colors
@@ -234,7 +234,7 @@ def _strut(mech: Mechanism, joint: int, poses: np.ndarray, axis, ends, radius: f
     low = way.min()
     high = way.max()
     base = -home.translation @ along
-    if np.linalg.norm(home.translation + base * along) > TOUCHING * size:
+    if np.linalg.norm(home.translation + base * along) > MEETING * size:
         return None
     way = 1.0 if low + high + 2.0 * tips[np.argmax(np.abs(tips))] > 2.0 * base else -1.0
     tip = way * max(way * tips)
