@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pinocchio as pin
 import pytest
+from helpers import touching
 from helpers.scenes import slider
 
 import pinconsist as pc
@@ -211,3 +212,40 @@ def test_the_work_in_single_steps_between_jumps():
         sim.step(0.02, {"servo": command})
     check = sim.solution().check(error=False)
     assert check.energy_error < 1e-8 and check.ok
+
+
+@pytest.mark.parametrize("rows", [8, 40])
+def test_what_impacts_take_counts_at_rows_of_ones_own(rows):
+    """A bouncing ball in oil: few rows, none of them at an impact."""
+    oil = pc.JointDamping({"z": 0.5})
+    for kept in (
+        {"events": pc.Impact("z", lower=0.0, restitution=0.8), "mech": touching.ball().with_contacts()},
+        {"mech": touching.ball().with_contacts(pc.Stop("z", lower=0.0, restitution=0.8))},
+    ):
+        mech = kept.pop("mech").add_forces(oil)
+        sol = pc.simulate(mech, (0.0, 1.5), {"z": 1.0}, t_eval=np.linspace(0.0, 1.5, rows), **kept)
+        assert sol.energy().balance_error < 1e-3 and sol.check().energy_error < 1e-3
+        assert sol.check().ok
+
+
+def test_work_of_a_motor_on_what_touches_all_the_time():
+    """A cam under a follower that never lifts off: its motor works against the follower, too."""
+    cam, radius = 0.01, 0.05
+    model = pin.Model()
+    shaft = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "shaft")
+    model.appendBodyToJoint(shaft, pin.Inertia(1.0, np.zeros(3), 1e-3 * np.eye(3)), pin.SE3.Identity())
+    place = pin.SE3(np.eye(3), np.array([cam, 0.0, 0.0]))
+    model.addFrame(pin.Frame("centre", shaft, 0, place, pin.FrameType.OP_FRAME))
+    tappet = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "tappet")
+    model.appendBodyToJoint(tappet, pin.Inertia(2.0, np.zeros(3), 1e-3 * np.eye(3)), pin.SE3.Identity())
+    face = pc.Contact("face", "centre", radius=radius, normal=(0.0, 0.0, -1.0), on="tappet")
+    motor = pc.Drive("motor", "shaft", pc.Motion(speed=20.0))
+    mech = pc.Mechanism(model, [motor], [pc.JointDamping({"tappet": 3.0})], contacts=[face])
+    sol = pc.simulate(mech, (0.0, 1.0), {"tappet": radius}, {"shaft": 20.0, "tappet": -20.0 * cam})
+    assert [each.mode for each in sol.modes] == ["closed"]
+    assert sol.check().energy_error < 1e-3
+    speed = -20.0 * cam * np.cos(20.0 * sol.t)
+    mean = 3.0 * (20.0 * cam) ** 2 / 2.0
+    assert sol.energy().work["motor"][-1] == pytest.approx(
+        mean * (1.0 + np.sin(40.0) / 40.0) + speed[-1] ** 2 - speed[0] ** 2 - 2.0 * 9.81 * cam * np.sin(20.0), rel=1e-4
+    )

@@ -339,3 +339,11 @@ def test_models_with_impossible_numbers_are_refused(spoil, message):
     spoil(model)
     with pytest.raises(pc.InputError, match=message):
         pc.Mechanism(model)
+
+
+def test_a_mechanism_is_called_as_its_model():
+    model = pc.load("four_bar").model.copy()
+    model.name = "scissors"
+    assert pc.Mechanism(model).name == "scissors" and pc.Mechanism(model, name="lift").name == "lift"
+    model.name = ""
+    assert pc.Mechanism(model).name == "mechanism"

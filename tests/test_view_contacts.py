@@ -91,11 +91,12 @@ def test_the_page_lights_up(pushed, tmp_path, size, mobile):
     file = pc.export_html(mech, sol, tmp_path / "page.html", forces=True)
     with opened(file, size, mobile) as tab:
         tab.run("running = false")
+        tab.run(f"own = viewer.render.bind(viewer); viewer.render = () => {{ own(); drawn = {COLOUR}; }}; 0")
         seen = []
         for time in (1.0, 5.5):
             tab.run(f"seek({time})")
             tab.run("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
-            seen.append(tab.run(COLOUR))
-        assert seen == [0x2E7D32, 0xF57C00]
+            seen += [tab.run(COLOUR), tab.run("drawn")]
+        assert seen == [0x2E7D32, 0x2E7D32, 0xF57C00, 0xF57C00]
         assert tab.run("document.documentElement.scrollWidth") <= size[0]
         assert tab.run("complaints") == []

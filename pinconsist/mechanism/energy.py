@@ -225,15 +225,22 @@ def total_power(forces, t, q, v, workspace, found=None):
 
 
 def _jumps(solution, forces, total, workspace):
-    """What events have added to the energy up to each row."""
+    """What events and impacts have added to the energy up to each row."""
     t = solution.t
     doubled = t[1:] == t[:-1]  # events leave two rows at one time, unless the rows are those of t_eval
     jumps = np.append(0.0, np.cumsum(np.where(doubled, np.diff(total), 0.0)))
+    times, added = np.zeros(0), np.zeros(0)
     if solution._changes:
-        sign = 1.0 if t[-1] >= t[0] else -1.0
         times, (before, after) = event_energies(solution, forces, workspace)[:2]
-        between = ~np.isin(times, t[1:][doubled])
-        jumps += (sign * t[:, None] >= sign * times[between]) @ (after - before)[between]
+        added = after - before
+    if solution.contacts is not None:
+        impacts = solution.contacts.impacts
+        times = np.append(times, [each.t for each in impacts])
+        added = np.append(added, [-each.energy_lost for each in impacts])
+    between = ~np.isin(times, t[1:][doubled])
+    if between.any():
+        sign = 1.0 if t[-1] >= t[0] else -1.0
+        jumps += (sign * t[:, None] >= sign * times[between]) @ added[between]
     return jumps
 
 

@@ -77,7 +77,7 @@ class Mechanism:
     loops: Sequence[Loop | Drive | Coupling | Constraint] = ()
     forces: Sequence[Any] = ()
     contacts: Sequence[Any] = field(default=(), kw_only=True)
-    name: str = "mechanism"
+    name: str = ""
     guess: Any = None
     actuated: tuple[str, ...] = ()
     geometry: Geometry | None = field(default=None, repr=False)
@@ -89,6 +89,7 @@ class Mechanism:
         if not isinstance(self.model, pin.Model):
             raise InputError(f"Mechanism needs a pin.Model, got {type(self.model).__name__}")
         put(self, model=(model := own_model(self.model)))
+        put(self, name=self.name or model.name or "mechanism")
         for several in ("loops", "forces", "actuated", "ignored"):
             put(self, **{several: _sequence(getattr(self, several), several)})
         if not all(isinstance(loop, tuple(RECORDS)) for loop in self.loops):

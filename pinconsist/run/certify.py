@@ -172,13 +172,14 @@ def _branches(solution, system, finer) -> tuple[float, ...]:
 def _balance(solution, energy, finer, by_states):
     """The error of the energy balance, and that of the work in it.
 
-    Where rows are few, the work is that along the finer run, or ``by_states()``, which returns the energies with the
-    work by states between the rows.
+    Where rows are few, the work is that along the finer run if nothing jumps, or ``by_states()``, which returns the
+    energies with the work by states between the rows.
     """
     balance = energy.balance_error
     if not above(balance, UNCLEAR):
         return balance, 0.0
-    if finer is not None and not (np.diff(solution.t) == 0.0).any():
+    smooth = solution.contacts is None and not solution._changes and not (np.diff(solution.t) == 0.0).any()
+    if finer is not None and smooth:
         total = energy.total[finer.rows]
         work, uncertain = work_of(finer)
         balance = replace(energy, error=total - total[0] - work).balance_error

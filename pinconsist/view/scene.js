@@ -63,6 +63,12 @@ function measure() {
 }
 new ResizeObserver(measure).observe(pane);
 
+function tint(thing, color) {
+  if (!thing.material || thing.material.color.getHex() == color) return;
+  thing.material.color.setHex(color);
+  viewer.set_dirty();  // the frame may be drawn already
+}
+
 // Labels over the scene
 const labels = [];
 function label(text, kind, place, shown = () => true) {
@@ -74,7 +80,7 @@ for (const cut of replay.cuts) {
   const own = tip[0].material.color.getHex(), value = () => values[Math.round(now / duration * (values.length - 1)) || 0];
   const shown = () => {
     const large = value() > cut.most * (1 + 1e-6);
-    for (const part of tip) part.material.color.setHex(large ? 0xF57C00 : own);
+    for (const part of tip) tint(part, large ? 0xF57C00 : own);
     labels[number].word.textContent = short(value(), cut.unit);
     return large && switches[cut.part + "s"].checked;
   };
@@ -84,8 +90,10 @@ for (const cut of replay.cuts) {
 const named = new Map();  // the shapes of each loop and body that has a name
 const lights = replay.lights.map(({path, states}) => ({thing: object(path), states: unpacked(states)}));
 function light() {  // contacts in the colours of what they do
-  for (const {thing, states} of lights)
-    thing.traverse(each => each.material?.color.setHex(replay.lit[states[Math.round(now / duration * (states.length - 1)) || 0]]));
+  for (const {thing, states} of lights) {
+    const color = replay.lit[states[Math.round(now / duration * (states.length - 1)) || 0]];
+    thing.traverse(each => tint(each, color));
+  }
 }
 for (const thing of [...parts.loop, ...parts.contact, ...parts.body]) {
   const {part, name, run, bare} = thing.userData, key = JSON.stringify([part, run, name]);
