@@ -47,7 +47,9 @@ def test_reactions_of_every_loop_kind(kind, pair, axes):
 def test_powers_and_stored_energy_of_every_force(name):
     mech = pc.Mechanism(mixed_tree(), forces=[FORCES[name]])
     q, v = states_of(mech.model)
-    run = SimpleNamespace(t=np.linspace(0.0, 1.0, len(q)), q=q, v=v, lam=np.zeros((len(q), 0)), _changes=())
+    run = SimpleNamespace(
+        t=np.linspace(0.0, 1.0, len(q)), q=q, v=v, lam=np.zeros((len(q), 0)), contacts=None, _changes=()
+    )
     found = energy_of(run, mech)
     elastic = np.zeros(len(q))
     for label, power in found.power.items():
@@ -68,7 +70,7 @@ def test_kinetic_energy_includes_the_rotors_of_all_joints():
         model.appendBodyToJoint(last, pin.Inertia.Random(), pin.SE3.Random())
     model.armature = np.linspace(0.1, 0.5, model.nv)
     q, v = states_of(model)
-    run = SimpleNamespace(t=np.arange(float(len(q))), q=q, v=v, lam=np.zeros((len(q), 0)), _changes=())
+    run = SimpleNamespace(t=np.arange(float(len(q))), q=q, v=v, lam=np.zeros((len(q), 0)), contacts=None, _changes=())
     found = energy_of(run, pc.Mechanism(model)).kinetic
     for kinetic, position, rate in zip(found, q, v, strict=True):
         half = np.triu(pin.crba(model, model.createData(), position))

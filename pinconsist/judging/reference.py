@@ -171,7 +171,7 @@ class Measure:
         return self._energies(t, q, v).total
 
     def _energies(self, t, q, v):
-        states = SimpleNamespace(t=t, q=q, v=v, lam=np.zeros((len(t), self.rows.nc)), _changes=())
+        states = SimpleNamespace(t=t, q=q, v=v, lam=np.zeros((len(t), self.rows.nc)), contacts=None, _changes=())
         return energy_of(states, self.mechanism)
 
 
