@@ -1,19 +1,23 @@
 """Forces: exact derivatives, motions in closed form, and what is refused."""
 
 import dataclasses
+import gc
 import pickle
 import re
+import weakref
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from helpers.bodies import differences, frame_pose, mixed_tree, random_state
 from helpers.forces import FORCES, law, law_gradient
+from helpers.laws import torque_by_hand
 from helpers.scenes import slider
 from scipy.interpolate import CubicSpline
 
 import pinconsist as pc
 from pinconsist.mechanism.forces import as_force, bound_forces, model_forces
+from pinconsist.mechanism.system import MechanismSystem
 
 nan = float("nan")
 
@@ -574,3 +578,35 @@ def test_a_bushing_is_that_of_drake_in_closed_form():
 def test_bushings_that_cannot_be(fields, told):
     with pytest.raises(pc.InputError, match=told):
         bound(mixed_tree(), pc.Bushing("arm", **fields))
+
+
+TIMED = {  # laws that the engine has, with functions of time that it asks
+    "torque": lambda: pc.JointTorque({"crank": lambda t: 0.3 * np.sin(7.0 * t)}),
+    "servo": lambda: pc.Servo("crank", lambda t: 0.2 * np.sin(3.0 * t), 20.0, 2.0),
+    "wrench": lambda: pc.Wrench("coupler", lambda t: (0.0, 3.0 * np.sin(5.0 * t), 0.0), axes="local"),
+    "actuator": lambda: pc.Actuator("motor", "crank", control=lambda t: np.sin(4.0 * t)),
+}
+
+
+@pytest.mark.parametrize("method", ["Radau", "BDF"])
+@pytest.mark.parametrize("name", TIMED)
+def test_functions_of_time_act_as_in_a_law_of_the_users_own(name, method):
+    """The same torques by a function f(t, q, v), which is written with Pinocchio."""
+    mech, force = pc.load("four_bar"), TIMED[name]()
+    same = pc.Torque(lambda t, q, v: torque_by_hand(force, mech.model, t, q, v))
+    one, other = (pc.simulate(mech, (0.0, 0.5), forces=[each], method=method, rtol=1e-7) for each in (force, same))
+    np.testing.assert_allclose(one.q[-1], other.q[-1], atol=1e-5)
+    np.testing.assert_allclose(one.lam[-1], other.lam[-1], atol=1e-4 * np.abs(one.lam).max())
+    assert one.check().ok
+
+
+@pytest.mark.parametrize("name", TIMED)
+def test_a_system_is_let_go_although_the_engine_holds_its_functions(name):
+    mech = pc.load("four_bar").add_forces(TIMED[name]())
+    system = MechanismSystem(mech, mech.guess)
+    system.torque(0.1, mech.guess, np.zeros(3))
+    held = weakref.ref(system), *(weakref.ref(force) for force in system.forces.values())
+    assert system.compiled.calls_python
+    del system
+    gc.collect()
+    assert not any(each() for each in held)

@@ -127,7 +127,7 @@ class _Tree:
                 column = mechanism.columns(force.joint)
                 stiffness[column], rest[column] = force.stiffness, force.rest
             if isinstance(force, JointTorque):
-                torque += force.bind(mechanism.model).torque(0.0, None, None)
+                torque += force.bind(mechanism.model).constant
         damping = np.array(mechanism.model.damping)
         values = {"jointForceVector": list(torque)} if torque.any() else {}
         if stiffness.any() or damping.any():

@@ -50,7 +50,7 @@ class Mujoco(Peer):
         def solve():
             data.qpos[:], data.qvel[:] = problem.q0, problem.v0
             for force in torques:
-                data.qfrc_applied[:] = force.bind(problem.mechanism.model).torque(0.0, None, None)
+                data.qfrc_applied[:] = force.bind(problem.mechanism.model).constant
             rows = np.empty((steps + 1, 1 + 2 * n))
             for i in range(steps + 1):
                 rows[i, 0] = problem.span[0] + i * h

@@ -1,4 +1,4 @@
-// The twins of mechanism/forces: joint torques τ and what they add to Newton's matrix.
+// The laws of forces: joint torques τ, their derivatives, and what they exert on bodies.
 #pragma once
 
 #include "axes.hpp"
@@ -11,6 +11,12 @@
 
 namespace pinconsist {
 
+// Force and moment at a point of a joint's body, in world axes.
+struct Load {
+  int joint;
+  Vector3d x, f, m;
+};
+
 struct Force {
   virtual ~Force() = default;
   // If a force is `on_bodies`, joint Jacobians must have been computed at q.
@@ -19,8 +25,14 @@ struct Force {
   virtual void linearize(const Data &, double, const Vec &, const Vec &, Mat &, Mat &) const {}
   // Add it to those that are evaluated in lanes; false if it cannot be.
   virtual bool add_to(LaneTree &) const { return false; }
-  // Elastic energy, of springs.
-  virtual double stored(const Data &, const Vec &) const { return 0.0; }
+  // Elastic energy and its rate, of springs.
+  virtual std::pair<double, double> stored(const Data &, const Vec &, const Vec &) const { return {0.0, 0.0}; }
+  // What it exerts on each body, if it acts on points of bodies.
+  virtual void add_loads(const Data &, double, const Vec &, std::vector<Load> &) const {}
+  // Force, length and speed, if it has a length.
+  virtual Vector3d along(const Data &, double, const Vec &, const Vec &) const { return Vector3d::Zero(); }
+  // Whether its command or force is cut at a limit.
+  virtual bool limited(double, const Vec &, const Vec &) const { return false; }
   virtual bool on_bodies() const { return false; }
   virtual bool calls_python() const { return false; }
   // Fill in narrow ranges about zero velocity over which it changes quickly.
@@ -57,44 +69,76 @@ private:
   double width_;
 };
 
-// τ = k (target(t) - θ) + d (target'(t) - θ'): a servo; with a constant target and d = 0, a joint spring
+// τ = k (target(t) - θ) + d (target'(t) - θ')
 class Servo : public Force {
 public:
-  Servo(Coordinate joint, double period, Motion target, double stiffness, double damping)
-      : joint_(joint), period_(period), target_(target), stiffness_(stiffness), damping_(damping) {}
+  Servo(Coordinate joint, double period, Curve target, double stiffness, double damping)
+      : joint_(joint), period_(period), target_(std::move(target)), stiffness_(stiffness), damping_(damping) {}
 
   void add_torque(const Data &, double t, const Vec &q, const Vec &v, Vec &tau) const override {
-    tau[joint_.column] += stiffness_ * nearest(target_(t) - joint_.value(q), period_) +
-                          damping_ * (target_.rate(t) - v[joint_.column]);
+    tau[joint_.column] += stiffness_ * beyond(t, q);
+    if (damping_ != 0.0) tau[joint_.column] += damping_ * (target_.rate(t) - v[joint_.column]);
   }
   void linearize(const Data &, double, const Vec &, const Vec &, Mat &D, Mat &K) const override {
     D(joint_.column, joint_.column) += damping_;
     K(joint_.column, joint_.column) += stiffness_;
   }
-  double stored(const Data &, const Vec &q) const override {
-    const double beyond = nearest(target_(0.0) - joint_.value(q), period_);
-    return 0.5 * stiffness_ * beyond * beyond;
-  }
   double *number(const std::string &name) override {
     return name == "stiffness" ? &stiffness_ : name == "damping" ? &damping_ : nullptr;
   }
+  bool calls_python() const override { return target_.calls_python(); }
+  bool sharp() const override { return calls_python(); }
 
-private:
+protected:
+  double beyond(double t, const Vec &q) const { return nearest(target_(t) - joint_.value(q), period_); }
+
   Coordinate joint_;
   double period_;
-  Motion target_;
+  Curve target_;
   double stiffness_, damping_;
+};
+
+// A servo at rest, which stores energy.
+class JointSpring : public Servo {
+public:
+  JointSpring(Coordinate joint, double period, double rest, double stiffness, double damping)
+      : Servo(joint, period, Motion{rest}, stiffness, damping) {}
+
+  std::pair<double, double> stored(const Data &, const Vec &q, const Vec &v) const override {
+    const double load = -stiffness_ * beyond(0.0, q);
+    return {-0.5 * load * beyond(0.0, q), load * v[joint_.column]};
+  }
 };
 
 class TorqueCurve : public Force {
 public:
-  TorqueCurve(int column, Motion curve) : column_(column), curve_(curve) {}
+  TorqueCurve(int column, Curve curve) : column_(column), curve_(std::move(curve)) {}
 
   void add_torque(const Data &, double t, const Vec &, const Vec &, Vec &tau) const override { tau[column_] += curve_(t); }
+  bool calls_python() const override { return curve_.calls_python(); }
+  bool sharp() const override { return calls_python(); }
 
 private:
   int column_;
-  Motion curve_;
+  Curve curve_;
+};
+
+// Torques of a joint with several velocities, by a function in Python.
+class TimeTorque : public Force {
+public:
+  TimeTorque(int column, int size, nb::object function) : column_(column), size_(size), function_(std::move(function)) {}
+
+  void add_torque(const Data &, double t, const Vec &, const Vec &, Vec &tau) const override {
+    const auto torque = nb::cast<Vec>(function_(t));
+    if (torque.size() != size_) throw nb::value_error("a torque of another size");
+    tau.segment(column_, size_) += torque;
+  }
+  bool calls_python() const override { return true; }
+  bool sharp() const override { return true; }
+
+private:
+  int column_, size_;
+  nb::object function_;
 };
 
 // Torques that are held from one time to the next, in the direction of the run, or interpolated linearly; see
@@ -127,11 +171,14 @@ struct HeldTable {
     const size_t i = reached(t);
     return i ? &torques[i - 1] : nullptr;
   }
-  void add(double t, Vec &tau) const {
+  // False before the first entry.
+  bool add(double t, Vec &tau) const {
     const size_t i = reached(t);
-    if (i) tau += torques[i - 1];
-    if (i && linear && i < since.size())
+    if (!i) return false;
+    tau += torques[i - 1];
+    if (linear && i < since.size())
       tau += (sign * t - since[i - 1]) / (since[i] - since[i - 1]) * (torques[i] - torques[i - 1]);
+    return true;
   }
 
   // The number of entries in use up to a time.
@@ -164,7 +211,7 @@ public:
   };
   // The command: a held value, else a linearly interpolated table, else a curve.
   struct Command {
-    Motion curve;
+    Curve curve;
     std::vector<double> times, values;
     std::shared_ptr<HeldTable> held;
 
@@ -181,7 +228,7 @@ public:
       : joints_(std::move(joints)), arms_(std::move(arms)), law_(std::move(law)), command_(std::move(command)) {}
 
   void add_torque(const Data &, double t, const Vec &q, const Vec &v, Vec &tau) const override {
-    const double force = std::clamp(evaluate(t, q, v).first, law_.force.first, law_.force.second);
+    const double force = cut(evaluate(t, q, v).first);
     for (size_t i = 0; i < joints_.size(); ++i) tau[joints_[i].column] += arms_[i] * force;
   }
   void linearize(const Data &, double t, const Vec &q, const Vec &v, Mat &D, Mat &K) const override {
@@ -193,16 +240,33 @@ public:
         D(joints_[i].column, joints_[j].column) -= arms_[i] * arms_[j] * numbers[2];
       }
   }
+  Vector3d along(const Data &, double t, const Vec &q, const Vec &v) const override {
+    const auto [length, speed] = move(q, v);
+    return {cut(evaluate(t, q, v).first), length, speed};
+  }
+  bool limited(double t, const Vec &q, const Vec &v) const override {
+    const double command = command_(t), force = evaluate(t, q, v).first;
+    return command != std::clamp(command, law_.control.first, law_.control.second) || force != cut(force);
+  }
+  bool calls_python() const override { return command_.curve.calls_python(); }
   bool sharp() const override { return true; }
 
 private:
-  // The force before it is limited: its constant, and its coefficients of l and l'.
-  std::pair<double, Vector3d> evaluate(double t, const Vec &q, const Vec &v) const {
+  double cut(double force) const { return std::clamp(force, law_.force.first, law_.force.second); }
+
+  // Its length and speed.
+  std::pair<double, double> move(const Vec &q, const Vec &v) const {
     double length = 0.0, speed = 0.0;
     for (size_t i = 0; i < joints_.size(); ++i) {
       length += arms_[i] * joints_[i].value(q);
       speed += arms_[i] * v[joints_[i].column];
     }
+    return {length, speed};
+  }
+
+  // The force before it is cut: its constant, and its coefficients of l and l'.
+  std::pair<double, Vector3d> evaluate(double t, const Vec &q, const Vec &v) const {
+    const auto [length, speed] = move(q, v);
     const Vector3d numbers = law_.gain * std::clamp(command_(t), law_.control.first, law_.control.second) + law_.bias;
     return {numbers[0] + length * numbers[1] + speed * numbers[2], numbers};
   }
@@ -262,10 +326,19 @@ public:
     return true;
   }
 
-  double stored(const Data &data, const Vec &) const override {
-    const Vector3d r = origin(data, joint2_, place2_) - origin(data, joint1_, place1_);
-    const double longer = std::sqrt(r.squaredNorm() + shortest_ * shortest_) - length_;
-    return 0.5 * stiffness_ * longer * longer;
+  std::pair<double, double> stored(const Data &data, const Vec &, const Vec &v) const override {
+    line(data, v);
+    const double load = stiffness_ * (l_ - length_);
+    return {0.5 * load * (l_ - length_), load * speed_};
+  }
+  void add_loads(const Data &data, double, const Vec &v, std::vector<Load> &loads) const override {
+    const Vector3d pull = line(data, v) * u_;
+    loads.push_back({joint1_, x1_, pull, Vector3d::Zero()});
+    loads.push_back({joint2_, x2_, -pull, Vector3d::Zero()});
+  }
+  Vector3d along(const Data &data, double, const Vec &, const Vec &v) const override {
+    const double tension = line(data, v);
+    return {tension, l_, speed_};
   }
   bool on_bodies() const override { return true; }
   double *number(const std::string &name) override {
@@ -273,22 +346,22 @@ public:
   }
 
 private:
-  // Fills length, direction, columns of the relative velocity; returns the tension.
+  // Fills length, speed, direction, columns of the relative velocity; returns the tension.
   double line(const Data &data, const Vec &v) const {
     x1_ = origin(data, joint1_, place1_);
     x2_ = origin(data, joint2_, place2_);
     const Vector3d r = x2_ - x1_;
     l_ = std::sqrt(r.squaredNorm() + shortest_ * shortest_);
     u_ = r / l_;
-    double rate = 0.0;
+    speed_ = 0.0;
     for (size_t i = 0; i < columns_.size(); ++i) {
       const auto &column = columns_[i];
       moves_.col(i) = column.sign * moved(data, column.index, end(column.sign));
       spins_.col(i) = spin(data, column.index);
       along_[i] = u_.dot(moves_.col(i));
-      rate += along_[i] * v[column.index];
+      speed_ += along_[i] * v[column.index];
     }
-    return stiffness_ * (l_ - length_) + damping_ * rate;
+    return stiffness_ * (l_ - length_) + damping_ * speed_;
   }
 
   const Vector3d &end(double sign) const { return sign > 0 ? x2_ : x1_; }
@@ -302,24 +375,24 @@ private:
   mutable Vec along_;
   mutable Mat bend_;
   mutable Vector3d u_, x1_, x2_;
-  mutable double l_ = 0.0;
+  mutable double l_ = 0.0, speed_ = 0.0;
 };
 
-// A constant force and moment on a point of a body, in world axes or (local) in its own.
+// A force and moment at a frame of a body, in world axes or (local) in those of the frame.
 class Wrench : public Force {
 public:
-  Wrench(const Model &model, const TurningAxes &axes, int joint, const Vector3d &offset, const Vector3d &force, const Vector3d &moment, bool local)
-      : axes_(axes), joint_(joint), place_(Matrix3d::Identity(), offset), force_(force), moment_(moment), local_(local),
+  Wrench(const Model &model, const TurningAxes &axes, int joint, const SE3 &frame, VectorCurve force, VectorCurve moment, bool local)
+      : axes_(axes), joint_(joint), frame_(frame), force_(std::move(force)), moment_(std::move(moment)), local_(local),
         columns_(columns_of(model, joint)) {}
 
-  void add_torque(const Data &data, double, const Vec &, const Vec &, Vec &tau) const override {
-    const auto [x, f, m] = in_world(data);
+  void add_torque(const Data &data, double t, const Vec &, const Vec &, Vec &tau) const override {
+    const auto [joint, x, f, m] = in_world(data, t);
     for (const auto &column : columns_)
       tau[column.index] += f.dot(moved(data, column.index, x)) + m.dot(spin(data, column.index));
   }
 
-  void linearize(const Data &data, double, const Vec &, const Vec &, Mat &, Mat &K) const override {
-    const auto [x, f, m] = in_world(data);
+  void linearize(const Data &data, double t, const Vec &, const Vec &, Mat &, Mat &K) const override {
+    const auto [joint, x, f, m] = in_world(data, t);
     for (const auto &row : columns_)
       for (const auto &column : columns_) { // ∂τ_row/∂q_column
         const Vector3d turn = spin(data, column.index), spun = spin(data, row.index);
@@ -337,22 +410,24 @@ public:
         K(row.index, column.index) -= change;
       }
   }
+  void add_loads(const Data &data, double t, const Vec &, std::vector<Load> &loads) const override {
+    loads.push_back(in_world(data, t));
+  }
   bool on_bodies() const override { return true; }
+  bool calls_python() const override { return force_.calls_python() || moment_.calls_python(); }
+  bool sharp() const override { return calls_python(); }
 
 private:
-  struct Load {
-    Vector3d x, f, m;
-  };
-  Load in_world(const Data &data) const {
-    const SE3 pose = placed(data, joint_, place_);
-    if (!local_) return {pose.translation(), force_, moment_};
-    return {pose.translation(), pose.rotation() * force_, pose.rotation() * moment_};
+  Load in_world(const Data &data, double t) const {
+    const SE3 pose = placed(data, joint_, frame_);
+    const Matrix3d turn = local_ ? Matrix3d(pose.rotation()) : Matrix3d::Identity();
+    return {joint_, pose.translation(), turn * force_(t), turn * moment_(t)};
   }
 
   const TurningAxes &axes_;
   int joint_;
-  SE3 place_;
-  Vector3d force_, moment_;
+  SE3 frame_;
+  VectorCurve force_, moment_;
   bool local_;
   std::vector<Column> columns_;
 };
@@ -361,7 +436,7 @@ private:
 class PythonForce : public Force {
 public:
   explicit PythonForce(nb::object law)
-      : law_(std::move(law)), smooth_(nb::cast<bool>(nb::getattr(law_, "smooth", nb::bool_(false)))) {}
+      : law_(std::move(law)), smooth_(nb::cast<bool>(law_.attr("smooth"))), stores_(nb::cast<bool>(law_.attr("stores"))) {}
 
   void add_torque(const Data &, double t, const Vec &q, const Vec &v, Vec &tau) const override {
     const auto torque = nb::cast<Vec>(ask(law_, "torque", t, q, v));
@@ -373,8 +448,11 @@ public:
     subtract(parts.second, D);
     subtract(parts.first, K);
   }
+  std::pair<double, double> stored(const Data &, const Vec &q, const Vec &v) const override {
+    if (!stores_) return {0.0, 0.0};
+    return nb::cast<std::pair<double, double>>(ask(law_, "stored", q, v));
+  }
   bool calls_python() const override { return true; }
-  bool on_bodies() const override { return true; }
   bool sharp() const override { return !smooth_; }
 
 private:
@@ -386,7 +464,7 @@ private:
   }
 
   nb::object law_;
-  bool smooth_;
+  bool smooth_, stores_;
 };
 
 } // namespace pinconsist

@@ -39,17 +39,17 @@ inline Eigen::RowVector3d body_energies(const Model &model, Data &data, const Ve
   return {0.5 * twice, height, reach * model.gravity.linear().norm()};
 }
 
-// Each force in systems of its own: one with the part that counts as power, and, for a spring, one that stores energy.
-using Forces = std::vector<std::pair<MechanismSystem *, MechanismSystem *>>;
+// Each force in a system of its own.
+using Forces = std::vector<MechanismSystem *>;
 
 // The result of `body_energies`, then power and elastic energy of each force, at the last poses and Jacobians of the joints.
 inline void measure_energies(MechanismSystem &system, const Forces &forces, double t, const Vec &p, const Vec &v,
                              Eigen::Ref<Eigen::RowVectorXd> energies) {
   energies.head<3>() = body_energies(system.model(), system.data(), v);
   for (size_t k = 0; k < forces.size(); ++k) {
-    const auto [force, spring] = forces[k];
-    energies[2 * k + 3] = force->power(system.data(), t, p, v);
-    energies[2 * k + 4] = spring ? spring->stored(system.data(), p) : 0.0;
+    const auto [power, stored] = forces[k]->power(system.data(), t, p, v);
+    energies[2 * k + 3] = power;
+    energies[2 * k + 4] = stored;
   }
 }
 

@@ -86,6 +86,7 @@ public:
     forces_on_bodies_ |= force->on_bodies();
     force->narrow(widths);
     sharp |= force->sharp();
+    sharp_on_bodies_ |= force->sharp() && force->on_bodies();
     forces_.push_back(std::move(force));
     lane_tree_.reset();
   }
@@ -269,22 +270,51 @@ public:
     return -f;
   }
 
+  // ∂τ/∂q and ∂τ/∂v of all forces.
+  std::pair<Mat, Mat> torque_derivatives(double t, const Vec &p, const Vec &v) {
+    if (forces_on_bodies_) {
+      library::joint_jacobians(model_, data_, p);
+      axes_.move(data_, p, v, Vec::Zero(nv));
+    }
+    Mat by_q = Mat::Zero(nv, nv), by_v = damping_.asDiagonal();
+    for (const auto &force : forces_) force->linearize(data_, t, p, v, by_v, by_q);
+    return {-by_q, -by_v};
+  }
+
+  // What forces exert on bodies.
+  std::vector<Load> loads(double t, const Vec &p, const Vec &v) {
+    if (forces_on_bodies_) library::joint_jacobians(model_, data_, p);
+    std::vector<Load> loads;
+    for (const auto &force : forces_) force->add_loads(data_, t, v, loads);
+    return loads;
+  }
+
+  // Of the first force: see Force.
+  Vector3d along(double t, const Vec &p, const Vec &v) {
+    if (forces_on_bodies_) library::joint_jacobians(model_, data_, p);
+    return forces_.at(0)->along(data_, t, p, v);
+  }
+  bool limited(double t, const Vec &p, const Vec &v) const { return forces_.at(0)->limited(t, p, v); }
+
   void sharp_force(double t, const Vec &p, const Vec &v, Vec &tau) override {
+    if (sharp_on_bodies_) library::joint_jacobians(model_, data_, p);
     tau.setZero(nv);
     for (const auto &force : forces_)
       if (force->sharp()) force->add_torque(data_, t, p, v, tau);
   }
 
-  // Power of all forces and elastic energy of all springs, at the poses and Jacobians of another system of this model.
-  double power(const Data &data, double t, const Vec &p, const Vec &v) {
-    tau_ = constant_ - damping_.cwiseProduct(v);
-    for (const auto &force : forces_) force->add_torque(data, t, p, v, tau_);
-    return tau_.dot(v);
-  }
-  double stored(const Data &data, const Vec &p) const {
-    double energy = 0.0;
-    for (const auto &force : forces_) energy += force->stored(data, p);
-    return energy;
+  // Power of all forces without what springs store, and the energy of springs, at the poses and Jacobians of another
+  // system of this model.
+  std::pair<double, double> power(const Data &data, double t, const Vec &p, const Vec &v) {
+    std::pair<double, double> found{(constant_ - damping_.cwiseProduct(v)).dot(v), 0.0};
+    for (const auto &force : forces_) {
+      tau_.setZero();
+      force->add_torque(data, t, p, v, tau_);
+      const auto [energy, rate] = force->stored(data, p, v);
+      found.first += tau_.dot(v) + rate;
+      found.second += energy;
+    }
+    return found;
   }
 
   // Add force and moment about x that the rows with these multipliers exert on the second body, in world axes.
@@ -447,8 +477,8 @@ private:
     for (const auto &[rows, at] : rows_) rows->add_bias(data_, t, p, v, at, bias);
   }
 
-  // Whether the motion of bodies follows from Jacobians; rows in Python use what rnea computes.
-  bool by_jacobians() const { return axes_.empty() && !calls_python_; }
+  // Whether the motion of bodies follows from Jacobians.
+  bool by_jacobians() const { return axes_.empty(); }
 
   // Velocities and accelerations of the bodies, in world axes.
   void move_bodies(const Vec &v) {
@@ -548,7 +578,7 @@ private:
   LieGroup group_;
   std::vector<Continuous> continuous_;
   std::vector<Planar> planar_;
-  bool calls_python_ = false, forces_on_bodies_ = false, slides_ = false, reacts_ = false;
+  bool calls_python_ = false, forces_on_bodies_ = false, sharp_on_bodies_ = false, slides_ = false, reacts_ = false;
   Mat Gt_; // of contacts that slide
   std::vector<std::pair<std::unique_ptr<Rows>, int>> rows_;
   Mat by_v_, by_q_; // of all forces; kept for later steps

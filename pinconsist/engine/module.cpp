@@ -54,7 +54,7 @@ namespace {
 using namespace nb::literals;
 using Pose = Eigen::Matrix4d;
 using Place = std::array<int, 3>;     // of a joint: Coordinate
-using Curve = std::array<double, 5>;  // numbers of a Motion
+using MotionNumbers = std::array<double, 5>;
 using Range = std::pair<double, double>;
 using Shares = std::vector<std::pair<Place, double>>; // of joints in a sum
 
@@ -87,7 +87,7 @@ nb::handle lapack_loader; // let go at the end of the process
 
 // Arguments from Python as the types that rows and forces take.
 SE3 taken(const Pose &pose) { return SE3(Matrix3d(pose.topLeftCorner<3, 3>()), Vector3d(pose.topRightCorner<3, 1>())); }
-Motion taken(const Curve &n) { return {n[0], n[1], n[2], n[3], n[4]}; }
+Motion taken(const MotionNumbers &n) { return {n[0], n[1], n[2], n[3], n[4]}; }
 Coordinate taken(const Place &n) { return {n[0], n[1], n[2] != 0}; }
 Sum taken(const Shares &shares) {
   Sum sum;
@@ -98,6 +98,17 @@ Sum taken(const Shares &shares) {
   return sum;
 }
 template <class Other> const Other &taken(const Other &x) { return x; }
+
+// The numbers of a motion, or a function.
+Curve curve(const nb::object &given) {
+  if (nb::isinstance<nb::tuple>(given)) return taken(nb::cast<MotionNumbers>(given));
+  return Curve(given);
+}
+// Three numbers, or a function.
+VectorCurve vector_curve(const nb::object &given) {
+  if (PyCallable_Check(given.ptr())) return VectorCurve(given);
+  return nb::cast<Vector3d>(given);
+}
 
 template <class Part, class... Given> auto made(const MechanismSystem &s, const Given &...given) {
   if constexpr (std::is_constructible_v<Part, const Model &, const TurningAxes &, decltype(taken(given))...>)
@@ -119,6 +130,7 @@ template <class Part, class... Given> auto adds() {
 
 NB_MODULE(_engine, m) {
   using namespace pinconsist;
+  nb::set_leak_warnings(false); // functions of users may refer to what holds them
   m.def("constant", [](const std::string &name) { return *constants().at(name); });
   m.def("constants", [] {
     nb::dict all;
@@ -195,12 +207,25 @@ NB_MODULE(_engine, m) {
       .def("add_distance", adds<DistanceRow, int, Pose, int, Pose, double>())
       .def("add_turn", adds<TurnRows, int, Pose, int, Pose>())
       .def("add_tilt", adds<TiltRows, int, Pose, int, Pose, Vector3d, Mat>())
-      .def("add_drive", adds<DriveRow, Place, double, Curve>())
+      .def("add_drive", // here and below, a curve is the numbers of a motion or a function
+           [](MechanismSystem &s, const Place &joint, double period, const nb::object &along) {
+             s.add_rows(std::make_unique<DriveRow>(taken(joint), period, curve(along)));
+           })
       .def("add_coupling", adds<CouplingRow, Shares, Shares, double, Vec>())
       .def("add_python_rows",
            [](MechanismSystem &s, nb::object closure, std::vector<int> local, bool moving, double step) {
              s.add_rows(std::make_unique<PythonRows>(closure, std::move(local), moving, step));
            })
+      .def("torque", &MechanismSystem::torque)
+      .def("torque_derivatives", &MechanismSystem::torque_derivatives)
+      .def("loads", // joint, point, force, moment
+           [](MechanismSystem &s, double t, const Vec &p, const Vec &v) {
+             nb::list loads;
+             for (const auto &load : s.loads(t, p, v)) loads.append(nb::make_tuple(load.joint, load.x, load.f, load.m));
+             return loads;
+           })
+      .def("along", &MechanismSystem::along)
+      .def("limited", &MechanismSystem::limited)
       .def_prop_ro("G_transposed", [](const MechanismSystem &s) { return s.G_transposed(); }) // of the last evaluation
       .def_prop_ro("in_lanes", [](MechanismSystem &s) { return s.in_lanes() != nullptr; })
       .def_prop_ro("number_of_rows", &MechanismSystem::number_of_rows)
@@ -208,21 +233,31 @@ NB_MODULE(_engine, m) {
       .def("add_constant", &MechanismSystem::add_constant)
       .def("add_damping", &MechanismSystem::add_damping)
       .def("add_friction", adds<SmoothFriction, Vec, double>())
-      .def("add_servo", adds<Servo, Place, double, Curve, double, double>())
-      .def("add_torque_curve", adds<TorqueCurve, int, Curve>())
+      .def("add_servo",
+           [](MechanismSystem &s, const Place &joint, double period, const nb::object &target, double stiffness, double damping) {
+             s.add_force(std::make_unique<Servo>(taken(joint), period, curve(target), stiffness, damping));
+           })
+      .def("add_joint_spring", adds<JointSpring, Place, double, double, double, double>())
+      .def("add_torque_curve",
+           [](MechanismSystem &s, int column, const nb::object &torque) {
+             s.add_force(std::make_unique<TorqueCurve>(column, curve(torque)));
+           })
+      .def("add_time_torque", adds<TimeTorque, int, int, nb::object>())
       .def("add_spring", adds<SpringDamper, int, Vector3d, int, Vector3d, double, double, double, double>())
-      .def("add_wrench", adds<Wrench, int, Vector3d, Vector3d, Vector3d, bool>())
+      .def("add_wrench",
+           [](MechanismSystem &s, int joint, const Pose &frame, const nb::object &force, const nb::object &moment, bool local) {
+             s.add_force(std::make_unique<Wrench>(s.model(), s.axes(), joint, taken(frame), vector_curve(force), vector_curve(moment), local));
+           })
       .def("add_held", adds<HeldTorque, std::shared_ptr<HeldTable>>())
-      .def("held_table", [](MechanismSystem &) { return std::make_shared<HeldTable>(); })
       .def("add_actuator",
            [](MechanismSystem &s, const std::vector<Place> &joints, const Vec &arms, const Vector3d &gain, const Vector3d &bias,
-              const Range &control, const Range &force, const Curve &curve, const std::vector<double> &times,
+              const Range &control, const Range &force, const nb::object &command, const std::vector<double> &times,
               const std::vector<double> &values, std::shared_ptr<HeldTable> held) {
              std::vector<Coordinate> places;
              for (const auto &joint : joints) places.push_back(taken(joint));
              s.add_force(std::make_unique<Actuator>(places, arms, Actuator::Law{gain, bias, control, force},
-                                                    Actuator::Command{taken(curve), times, values, std::move(held)}));
-           }, "joints"_a, "arms"_a, "gain"_a, "bias"_a, "control"_a, "force"_a, "curve"_a, "times"_a, "values"_a, "held"_a.none())
+                                                    Actuator::Command{curve(command), times, values, std::move(held)}));
+           }, "joints"_a, "arms"_a, "gain"_a, "bias"_a, "control"_a, "force"_a, "command"_a, "times"_a, "values"_a, "held"_a.none())
       .def("add_python_force", adds<PythonForce, nb::object>())
       .def("evaluate",
            [](MechanismSystem &s, double t, const Vec &p, const Vec &v, const Vec &a) {
@@ -318,7 +353,18 @@ NB_MODULE(_engine, m) {
         return r;
       });
 
-  nb::class_<HeldTable>(m, "HeldTable").def("clear", &HeldTable::clear).def("hold", &HeldTable::hold).def_rw("entered", &HeldTable::entered)
+  nb::class_<HeldTable>(m, "HeldTable")
+      .def(nb::init<>())
+      .def("clear", &HeldTable::clear)
+      .def("hold", &HeldTable::hold)
+      .def("reached", &HeldTable::reached)
+      .def("at", // None before the first entry
+           [](const HeldTable &table, double t) -> nb::object {
+             if (table.torques.empty()) return nb::none();
+             Vec torque = Vec::Zero(table.torques.front().size());
+             return table.add(t, torque) ? array(torque) : nb::none();
+           })
+      .def_rw("entered", &HeldTable::entered)
       .def_rw("linear", &HeldTable::linear)
       .def_rw("on_steps", &HeldTable::on_steps)
       .def_rw("begun", &HeldTable::begun);

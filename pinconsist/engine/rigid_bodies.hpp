@@ -1,7 +1,7 @@
 // Points and axes of bodies, and the velocities that move them.
 #pragma once
 
-#include "system.hpp"
+#include "curve.hpp"
 #include "tree.hpp"
 
 #include <algorithm>
@@ -96,17 +96,5 @@ struct Coordinate {
 };
 
 inline double nearest(double gap, double period) { return period > 0.0 ? std::remainder(gap, period) : gap; }
-
-// mechanism/motion.py
-struct Motion {
-  double start, speed, amplitude, frequency, phase;
-
-  double omega() const { return 2.0 * M_PI * frequency; }
-  double operator()(double t) const {
-    return start + speed * t + amplitude * std::sin(omega() * t + phase);
-  }
-  double rate(double t) const { return speed + amplitude * omega() * std::cos(omega() * t + phase); }
-  double acceleration(double t) const { return -amplitude * omega() * omega() * std::sin(omega() * t + phase); }
-};
 
 } // namespace pinconsist

@@ -345,7 +345,7 @@ private:
 // q_joint − curve(t)
 class DriveRow : public Rows {
 public:
-  DriveRow(Coordinate joint, double period, Motion curve) : joint_(joint), period_(period), curve_(curve) {}
+  DriveRow(Coordinate joint, double period, Curve curve) : joint_(joint), period_(period), curve_(std::move(curve)) {}
 
   void evaluate(const Data &, double t, const Vec &p, int at, Vec &phi, Mat &J) const override {
     phi[at] = nearest(joint_.value(p) - curve_(t), period_);
@@ -357,11 +357,12 @@ public:
   }
   bool add_gradients(const Data &, const Vec &, const Vec &, const Vec &, int, Mat &, Mat &) const override { return true; }
   int size() const override { return 1; }
+  bool calls_python() const override { return curve_.calls_python(); }
 
 private:
   Coordinate joint_;
   double period_;
-  Motion curve_;
+  Curve curve_;
 };
 
 // Σ share · q of some joints

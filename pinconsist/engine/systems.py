@@ -34,3 +34,8 @@ def blank_system(model, owner=None):
     """
     module = required()
     return module.MechanismSystem(workspace(module, model, owner))
+
+
+def held_table():
+    """A new table of held torques."""
+    return required().HeldTable()

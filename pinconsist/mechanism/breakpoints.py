@@ -12,12 +12,13 @@ from copy import deepcopy
 from dataclasses import dataclass
 from math import inf
 from types import FunctionType, MethodType
+from weakref import WeakMethod
 
 import numpy as np
 
 from ..engine.arguments import may_read
 from ..errors import PinconsistError
-from .checks import finite_array
+from .checks import finite_array, returned
 from .motion import TIME_STEP
 from .sampling import PARTS, SAMPLE_SPACING, SMOOTH, Change, changes, continues, samples_of
 
@@ -99,7 +100,7 @@ class Breakpoints:
     """The break points of the functions of time of one system, and the piece between them in which a run is."""
 
     def __init__(self):
-        self.functions: list[Callable] = []  # (q, v) → time functions
+        self._parts: list[WeakMethod] = []  # (q, v) → time functions; of the forces and rows, which hold this object
         self.first, self.last = -inf, inf  # no difference quotient evaluates a function outside
         self._times: list[float] = []
         self._restarts: list[bool | None] = []
@@ -110,13 +111,13 @@ class Breakpoints:
         self._looked, self._seen = None, {}  # the times between which functions were sampled, and what was found
 
     def __bool__(self):
-        return bool(self.functions)
+        return bool(self._parts)
 
     def add(self, parts) -> None:
         """Add the functions of time of forces or rows, and let these evaluate them in pieces."""
         for part in parts:
             if part.functions_of_time(None, None):
-                self.functions.append(part.functions_of_time)
+                self._parts.append(WeakMethod(part.functions_of_time))
                 part.set_breakpoints(self)
 
     @property
@@ -131,13 +132,13 @@ class Breakpoints:
 
     def look_ahead(self, t, t_end, q, v, every: bool = True) -> None:
         """Find the break points of a run, which begins at `t`; if `every`, also those that are not known."""
-        if self.functions:
+        if self:
             self._look(t, t_end, q, v, samples_of(abs(t_end - t)) if every else 0)
             self.start(t, t_end < t)
 
     def look_on(self, t, t_end, q, v) -> None:
         """Find those of the next part of a run, which is sampled only if it is long."""
-        if self.functions:
+        if self:
             n = min(int(abs(t_end - t) / SAMPLE_SPACING), samples_of(abs(t_end - t)))
             self._look(t, t_end, q, v, n if n >= PARTS else 0)
             self.start(t, t_end < t)
@@ -146,14 +147,19 @@ class Breakpoints:
         low, high, self.sampled = min(t, t_end), max(t, t_end), n > 0
         if self._looked != (looked := (t, t_end, n)):
             self._looked, self._seen, self.first, self.last = looked, {}, -inf, inf
-        for functions in self.functions:
-            if functions not in self._seen:
-                sampled = [each for each in functions(q, v) if n or each.known is not None]
+        for part in self._parts:
+            if part not in self._seen:
+                sampled = [each for each in self._of(part, q, v) if n or each.known is not None]
                 changes = [(each, change) for each in sampled for change in each.changes(t, t_end, n)]
-                self._seen[functions] = [(change.time, each.restarts(change)) for each, change in changes]
+                self._seen[part] = [(change.time, each.restarts(change)) for each, change in changes]
                 self._limit(low, high, [each.function for each in sampled if each.jumps])
         found = [each for seen in self._seen.values() for each in seen if low <= each[0] <= high]
         self._take(_merged(sorted(found, key=lambda each: each[0]), (high - low) / n if n else 0.0))
+
+    @staticmethod
+    def _of(part, q, v) -> list[TimeFunction]:
+        functions = part()
+        return functions(q, v) if functions else []
 
     def _limit(self, low, high, functions) -> None:
         """Limit difference quotients to the run if one of the functions does not go on before or after it."""
@@ -170,7 +176,7 @@ class Breakpoints:
         """Find the break points between two times, for evaluations in any order; those of a `run` that covers them."""
         if run is not None and run.covers(t, t_end):
             self.share(run)
-        elif self.functions:
+        elif self:
             self._look(t, t_end, q, v, samples_of(abs(t_end - t)))
             self._backwards, self._piece = t_end < t, None
 
@@ -224,7 +230,7 @@ class Breakpoints:
     def jump_at(self, t, q, v) -> bool:
         """Whether a function jumps at `t`, seen from this state."""
         near = 2.0 * jump_offset(t)
-        for function in (each.function for functions in self.functions for each in functions(q, v)):
+        for function in (each.function for part in self._parts for each in self._of(part, q, v)):
             try:
                 before, at, after = (np.asarray(function(float(time)), float) for time in (t - near, t, t + near))
             except PinconsistError:  # it need not be defined beyond the end
@@ -281,11 +287,28 @@ def _merged(found, apart):
     return [(t, kind) for t, kind in kept if kind is not None or not (np.abs(ends - t) < beside).any()]
 
 
+NONE = Breakpoints()
+"""Of a system without functions of time."""
+
+
+class TimeCurve:
+    """A user's `function` of time, as the engine calls it: inside the pieces of a run, and checked."""
+
+    breakpoints: Breakpoints = NONE
+
+    def __init__(self, function, what: str, shape: tuple = ()):
+        self.function, self._what, self._shape = function, what, shape
+
+    def __call__(self, t):
+        return self.value(self.breakpoints.inside(t))
+
+    def value(self, t):
+        """The value at a time, outside of the pieces too."""
+        found = returned(self.function, self._what, self._shape, t)
+        return found if self._shape else float(found)
+
+
 def knots_of(values, what: str) -> tuple[float, ...]:
     """Knots from user input: increasing times."""
     times = finite_array(values, what)
     return tuple(np.unique(times).tolist())
-
-
-NONE = Breakpoints()
-"""Of a system without functions of time."""

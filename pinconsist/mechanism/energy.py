@@ -117,10 +117,11 @@ def energy_of(solution, mechanism, workspace=None, system=None, found=None) -> E
     workspace, rows = workspace or Workspace(mechanism.model), system.rows if system else LoopRows.of(mechanism)
     forces = system.forces if system else bound_forces(mechanism.model, mechanism.forces)
     t, q, v, n = solution.t, solution.q, solution.v, len(solution.t)
-    labels, columns = found or measure(forces, sided(t), q, v, workspace)
+    columns = measure(forces, sided(t), q, v, workspace) if found is None else found
     kinetic, potential, terms, *columns = np.ascontiguousarray(columns.T)
-    measured = dict(zip(labels, zip(columns[::2], columns[1::2], strict=True), strict=True))
-    power, stored = _powers(forces, measured, sided(t), q, v)
+    power = dict(zip(forces, columns[::2], strict=True))
+    energies = dict(zip(forces, columns[1::2], strict=True))
+    stored = {label: energies[label] for label, force in forces.items() if force.stores}
     _add_drives(power, rows, t, q, solution.lam, workspace)
     _add_friction(power, mechanism, sided(t), q, v, solution.lam, workspace)
     elastic = sum(stored.values(), np.zeros(n))
@@ -137,16 +138,6 @@ def energy_of(solution, mechanism, workspace=None, system=None, found=None) -> E
         t=t, kinetic=kinetic, potential=potential, elastic=elastic, total=total, stored=stored, power=power, work=work,
         error=error, _terms=max(np.abs(total).max(), elastic.max(), terms[0]),
     )  # fmt: skip
-
-
-def _powers(forces, measured, t, q, v):
-    """label → power of each force, and label → elastic energy of each spring; `measured` has the compiled ones."""
-    power, stored = {}, {}
-    for label, force in forces.items():
-        power[label], elastic = measured.get(label) or _power_and_energy(force, t, q, v)
-        if force.stores:
-            stored[label] = elastic
-    return power, stored
 
 
 def _add_drives(power, rows, t, q, lam, workspace):
@@ -198,9 +189,7 @@ def _divided(energy, mechanism, states, workspace, parts) -> Energy:
     places = (np.arange(parts)[:, None] + 0.5 * (1.0 + NODES)).ravel()  # in parts of a step
     times = (t[long, None] + places * steps[long, None]).ravel()
     q, v, lam = states(times)
-    labels, columns = measure(forces, times, q, v, workspace)
-    measured = dict(zip(labels, zip(columns.T[3::2], columns.T[4::2], strict=True), strict=True))
-    power, _ = _powers(forces, measured, times, q, v)
+    power = dict(zip(forces, measure(forces, times, q, v, workspace).T[3::2], strict=True))
     _add_drives(power, rows, times, q, lam, workspace)
     _add_friction(power, mechanism, times, q, v, lam, workspace)
     work, error = dict(energy.work), energy.error + sum(energy.work[label] for label in power)
@@ -217,11 +206,8 @@ def _divided(energy, mechanism, states, workspace, parts) -> Energy:
 
 def total_power(forces, t, q, v, workspace, found=None):
     """Power of all forces together without the rate of stored energy, W, shape (n,); `found` as in `energy_of`."""
-    labels, columns = found or measure(forces, t, q, v, workspace)
-    power = columns[:, 3::2].sum(axis=1)
-    for label in forces.keys() - set(labels):
-        power += _power_and_energy(forces[label], t, q, v)[0]
-    return power
+    columns = measure(forces, t, q, v, workspace) if found is None else found
+    return columns[:, 3::2].sum(axis=1)
 
 
 def _jumps(solution, forces, total, workspace):
@@ -250,56 +236,35 @@ def event_energies(solution, forces, workspace):
     q = np.array([state for each in solution._changes for state in (each.p_before, each.p_after)])
     v = np.array([state for each in solution._changes for state in (each.v_before, each.v_after)])
     twice = np.repeat(times, 2)
-    labels, columns = measure(forces, twice, q, v, workspace)
+    columns = measure(forces, twice, q, v, workspace)
     energy = columns[:, 0] + columns[:, 1] + columns[:, 4::2].sum(axis=1)
-    for label in forces.keys() - set(labels):
-        if forces[label].stores:
-            energy += _power_and_energy(forces[label], twice, q, v)[1]
     return times, energy.reshape(-1, 2).T, columns[::2, 0]
 
 
 def measure(forces, t, q, v, workspace):
-    """The labels of the compiled forces, and energies as columns.
+    """Energies and powers as columns.
 
-    The columns are the kinetic energy, including that of rotors, the potential energy, the sum of the absolute values
-    that its terms may have, and the power and elastic energy of each compiled force.
+    They are the kinetic energy, including that of rotors, the potential energy, the sum of the absolute values that its
+    terms may have, and the power and elastic energy of each force.
     """
-    parts = compiled_forces(forces, workspace)
-    return list(parts), workspace.compiled().energies(t, q, v, list(parts.values()))
+    return workspace.compiled().energies(t, q, v, alone(forces, workspace))
 
 
-def compiled_forces(forces, workspace):
-    """The compiled forces: label → two compiled systems.
-
-    The power of the force is that of the first system. The second has the spring that stores its energy, and is None
-    for most forces.
-    """
-    parts = {}
-    for label, force in forces.items():
-        compiled, spring = workspace.compiled(), None
-        if force.hand_over(compiled):
-            if force.stores:
-                compiled, spring = workspace.compiled(), compiled
-                force.hand_over_damper(compiled)
-            parts[label] = compiled, spring
-    return parts
-
-
-def _power_and_energy(force, t, q, v):
-    """Power of a user's force without the rate of its stored energy, and its elastic energy or None."""
-    power = np.array([force.torque(*state) @ state[2] for state in zip(t, q, v, strict=True)])
-    if not force.stores:
-        return power, None
-    elastic, rate = np.array([force.stored(*state) for state in zip(q, v, strict=True)]).T
-    return power + rate, elastic
+def alone(forces, workspace) -> list:
+    """A compiled system for each force, with nothing else."""
+    systems = []
+    for force in forces.values():
+        compiled = workspace.compiled()
+        force.hand_over(compiled)
+        systems.append(compiled)
+    return systems
 
 
 def torques_of(force, t, q, v, workspace):
     """τ of a force of :func:`bound_forces` at several states, shape (n, nv)."""
     compiled = workspace.compiled()
-    if force.hand_over(compiled):
-        return compiled.torques(t, q, v)
-    return np.array([force.torque(*state) for state in zip(t, q, v, strict=True)]).reshape(v.shape)
+    force.hand_over(compiled)
+    return compiled.torques(t, q, v)
 
 
 def _time_rates(rows, t, q, workspace):

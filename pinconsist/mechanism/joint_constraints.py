@@ -5,15 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from numbers import Real
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ..errors import InputError
-from .breakpoints import NONE, Breakpoints, TimeFunction, knots_of, time_function
-from .checks import called, joint_index, name, number, numbers, put, put_checked, require_functions
+from .breakpoints import NONE, Breakpoints, TimeCurve, TimeFunction, knots_of, time_function
+from .checks import joint_index, name, number, numbers, put, put_checked, require_functions
 from .curve import spline_of
 from .motion import TIME_STEP, Motion, check_rate, in_time
 
@@ -46,10 +45,6 @@ class Coordinate:
     def value(self, q) -> float:
         """The coordinate, rad or m; in (-π, π] if it wraps."""
         return float(q[self._q]) if self.period is None else math.atan2(q[self._q + 1], q[self._q])
-
-    def beyond(self, q, target: float) -> float:
-        """The distance of the coordinate from `target`, the shorter way round if it wraps."""
-        return _nearest(self.value(q) - target, self.period)
 
 
 class Rows:
@@ -153,6 +148,29 @@ class Drive(JointConstraint):
         return (self.joint,)
 
 
+class _DriveCurve(TimeCurve):
+    """The curve of a drive with its derivatives: functions, or differences."""
+
+    def __init__(self, drive):
+        super().__init__(drive.curve, f"the curve of drive {drive.name!r}")
+        self.derivatives: dict[str, TimeCurve] = {}
+        for field in ("rate", "acceleration"):
+            if (function := getattr(drive, field) or getattr(drive.curve, field, None)) is not None:
+                self.derivatives[field] = TimeCurve(function, f"the {field} of drive {drive.name!r}")
+
+    def rate(self, t) -> float:
+        return self._derivative("rate", 1, t)
+
+    def acceleration(self, t) -> float:
+        return self._derivative("acceleration", 2, t)
+
+    def _derivative(self, field, order, t) -> float:
+        t = self.breakpoints.inside(t)
+        if field in self.derivatives:
+            return self.derivatives[field].value(t)
+        return float(in_time(lambda s: self.value(t + s), order, TIME_STEP, *self.breakpoints.reach(t)))
+
+
 class DriveRow(Rows):
     """The row of a drive on a model: Φ = q_joint - curve(t)."""
 
@@ -162,53 +180,39 @@ class DriveRow(Rows):
         self.loop = drive
         self._joint = Coordinate(model, drive.joint, f"drive {drive.name!r}", "driven")
         self.period = self._joint.period
-        self._functions = {"curve": drive.curve}
-        for field in ("rate", "acceleration"):
-            if (function := getattr(drive, field) or getattr(drive.curve, field, None)) is not None:
-                self._functions[field] = function
-        self._J = np.zeros((1, model.nv))
-        self._J[0, self._joint.column] = 1.0
+        self._curve = _DriveCurve(drive)
 
-    def evaluate(self, q, t):
-        return np.array([self._joint.beyond(q, self._call("curve", self.breakpoints.inside(t)))]), self._J.copy()
+    def __copy__(self):
+        fresh = object.__new__(DriveRow)
+        vars(fresh).update(vars(self), _curve=_DriveCurve(self.loop))
+        return fresh
+
+    def set_breakpoints(self, breakpoints) -> None:
+        self._curve.breakpoints = breakpoints
 
     def functions_of_time(self, q, v):
-        curve = self.loop.curve
-        if type(curve) is Motion and not self.loop.knots:
+        drive = self.loop
+        if type(drive.curve) is Motion and not drive.knots:
             return []
-        return [time_function(curve, partial(self._call, "curve"), 2, self.loop.knots)]
+        return [time_function(drive.curve, self._curve.value, 2, drive.knots)]
 
     def rate(self, t, q):
-        return -np.reshape(self._derivative("rate", 1, t), 1)
-
-    def acceleration_bias(self, t, q, v):
-        return -np.reshape(self._derivative("acceleration", 2, t), 1)  # J is constant
-
-    def _derivative(self, field, order, t):
-        t = self.breakpoints.inside(t)
-        if field in self._functions:
-            return self._call(field, t)
-        return float(in_time(lambda s: self._call("curve", t + s), order, TIME_STEP, *self.breakpoints.reach(t)))
+        return np.array([-self._curve.rate(t)])
 
     def hand_over(self, compiled) -> bool:
-        curve = self.loop.curve
+        curve: Any = self.loop.curve
         if type(curve) is not Motion or self.loop.rate is not None:
-            return False
-        compiled.add_drive(self._joint.place, self.period or 0.0, curve.numbers)
+            compiled.add_drive(self._joint.place, self.period or 0.0, self._curve)
+        else:
+            compiled.add_drive(self._joint.place, self.period or 0.0, curve.numbers)
         return True
 
     def check_derivatives(self, t, q) -> None:
+        curves = {"curve": self._curve, **self._curve.derivatives}
         for field, of in ("rate", "curve"), ("acceleration", "rate"):
-            if {field, of} <= self._functions.keys():
-                function, slope = (partial(self._call, each) for each in (of, field))
-                check_rate(f"drive {self.loop.name!r}: its {field}", of, function, slope, t, CHECKED_OVER)
-
-    def _call(self, field, t) -> float:
-        function, what = self._functions[field], f"the {field} of drive {self.loop.name!r}"
-        value = called(lambda t: float(function(t)), what, t)
-        if not math.isfinite(value):
-            raise InputError(f"{what} is {value} at t = {t:.6g}; it must be finite")
-        return value
+            if {field, of} <= curves.keys():
+                what = f"drive {self.loop.name!r}: its {field}"
+                check_rate(what, of, curves[of].value, curves[field].value, t, CHECKED_OVER)
 
 
 @dataclass(frozen=True)
@@ -331,7 +335,3 @@ class CouplingRow(Rows):
     def hand_over(self, compiled) -> bool:
         compiled.add_coupling(self._joint.places, self._other.places, self.period or 0.0, np.array(self._law))
         return True
-
-
-def _nearest(gap: float, period: float | None) -> float:
-    return gap if period is None else math.remainder(gap, period)

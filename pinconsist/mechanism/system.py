@@ -217,7 +217,7 @@ class MechanismSystem(Index3System):
         return sum((force.torque(t, p, v) for force in self._sharp), np.zeros(self.nv))
 
     def hand_over(self, compiled) -> None:
-        """Add the rows and forces to a compiled system, which calls back user-defined ones in Python."""
+        """Add the rows and forces to a compiled system."""
         self.kept_rows.hand_over(compiled)
         self.hand_over_forces(compiled)
 
@@ -226,8 +226,7 @@ class MechanismSystem(Index3System):
         found = {}
         for label, force in self.forces.items():
             before = compiled.number_of_forces
-            if not force.hand_over(compiled):
-                compiled.add_python_force(force)
+            force.hand_over(compiled)
             if compiled.number_of_forces == before + 1:
                 found[label] = before
         return found

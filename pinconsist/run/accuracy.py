@@ -13,7 +13,7 @@ from ..engine.index1 import Index1
 from ..engine.norms import largest
 from ..engine.systems import blank_system, with_all_rows
 from ..errors import PinconsistError
-from ..mechanism.energy import compiled_forces, integrals, total_power
+from ..mechanism.energy import alone, integrals, total_power
 from ..mechanism.forces.held import sided
 from ..mechanism.names import velocity_names, velocity_units
 from ..mechanism.pulses import brief_times
@@ -355,18 +355,15 @@ def _compiled(system, states, workspace):
     def add(compiled):
         rows.hand_over(compiled)
         system.hand_over_forces(compiled)
-        forces = compiled_forces(system.forces, workspace)
-        systems.append((compiled, list(forces.values())))
-        return list(forces)
+        systems.append((compiled, alone(system.forces, workspace)))
 
-    labels = add(compiled)
+    add(compiled)
     if not compiled.calls_python:
         for _ in range(min(THREADS, processors(), len(states[0]) // max(A_THREAD, system.nv**2 // 10)) - 1):
             add(blank_system(system.model))
     if (found := required().certified(systems, system.kept, *states)) is None:
         return None
-    *residuals, energies, acting = found
-    return *residuals, (labels, energies), acting
+    return found
 
 
 def processors() -> int:

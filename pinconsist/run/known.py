@@ -70,8 +70,7 @@ class Pull:
 
     def side_of(self, rates, key, weight) -> None:
         """Add it to the forces with this key."""
-        if not self.bound.hand_over(rates):
-            rates.add_python_force(self.bound)
+        self.bound.hand_over(rates)
         rates.close(key, weight)
 
 
@@ -127,7 +126,7 @@ class HeldNodes:
         for velocity in sorted({velocity for _, velocity in self.nodes}):
             own = [(entry, k) for (entry, where), k in zip(self.nodes, columns, strict=True) if where == velocity]
             key = own[0][1]
-            rates.set_held(key, self.table.compiled(rates))
+            rates.set_held(key, self.table.table)
             unit_torque(self.nv, velocity).side_of(rates, key, weight)
             rates.act(key, *map(list, zip(*own, strict=True)))
 

@@ -103,8 +103,8 @@ def _of_loop(run: Run, poses: np.ndarray, loop: Loop, found) -> list[Action]:
 
 def _applied(run: Run, wrench: Wrench) -> list[Action]:
     """The force and the moment of a wrench; without those that are zero."""
-    law = wrench.bind(run.mech.model)
-    loads = [law.loads(t, q, None)[0] for t, q in zip(run.t, run.q, strict=True)]
+    law, still = wrench.bind(run.mech.model), np.zeros(run.mech.nv)
+    loads = [law.loads(t, q, still)[0] for t, q in zip(run.t, run.q, strict=True)]
     points, force, moment = (np.array(part) for part in zip(*(load[1:] for load in loads), strict=True))
     name = wrench.label
     bodies = (body_names(run.mech.model)[loads[0][0]],)

@@ -1,9 +1,10 @@
-"""Reactions, energies and powers state by state, by Pinocchio and the Python of rows and forces: not compiled."""
+"""Reactions, energies and powers state by state, by Pinocchio and the laws of forces by hand: not compiled."""
 
 import numpy as np
 import pinocchio as pin
+from helpers.laws import stored_by_hand, torque_by_hand
 
-from pinconsist.mechanism.forces import bound_forces
+from pinconsist.mechanism.forces import bound_forces, model_forces
 from pinconsist.mechanism.loops import Length, RotationVector
 from pinconsist.mechanism.rows import LoopRows
 
@@ -46,8 +47,9 @@ def energies_of(model, q, v):
 def powers_of(mech, t, q, v):
     """Of each force: its power without the rate of its stored energy, and this energy, or 0."""
     found = {}
-    for label, force in bound_forces(mech.model, mech.forces).items():
-        power = float(force.torque(t, q, v) @ v)
-        elastic, rate = force.stored(q, v) if hasattr(force, "stored") else (0.0, 0.0)
+    records = (*model_forces(mech.model), *mech.forces)
+    for label, record in zip(bound_forces(mech.model, mech.forces), records, strict=True):
+        power = float(torque_by_hand(record, mech.model, t, q, v) @ v)
+        elastic, rate = stored_by_hand(record, mech.model, q, v)
         found[label] = power + rate, elastic
     return found

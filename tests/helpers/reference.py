@@ -1,10 +1,12 @@
-"""The equations of a mechanism by Pinocchio's own functions and the Python of forces: nothing of it is compiled."""
+"""The equations of a mechanism by Pinocchio's own functions and the laws of forces by hand: nothing of it is compiled."""
 
 import numpy as np
 import pinocchio as pin
+from helpers.laws import derivatives_by_hand, torques_by_hand
 
 from pinconsist.mechanism.axes import rnea_derivatives
-from pinconsist.mechanism.joint_constraints import Coupling
+from pinconsist.mechanism.forces import model_forces
+from pinconsist.mechanism.joint_constraints import Coupling, Drive
 from pinconsist.mechanism.loops import Length, Loop, Position, RotationVector
 from pinconsist.mechanism.system import MechanismSystem
 
@@ -13,17 +15,17 @@ class ByPinocchio(MechanismSystem):
     """The same equations as in C++, to be compared with them."""
 
     def evaluate(self, t, p, v, a):
-        f = pin.rnea(self.model, self.data, p, v, a) - self.torque(t, p, v)
+        f = pin.rnea(self.model, self.data, p, v, a) - torques_by_hand(self.mechanism, t, p, v)
         phi, J = self._kept(t, p)
         return f, phi, J.T, J @ v + self.rows.time_rate(t, p)[self.kept]
 
     def linearize(self, t, p, v, a, lam, c, A):
         f_q, f_v = rnea_derivatives(self.model, self.data, p, v, a)
         M = self.data.M.copy()
-        for force in self.forces.values():
-            by_q, by_v = force.derivatives(t, p, v)
-            f_q -= 0.0 if by_q is None else by_q
-            f_v -= 0.0 if by_v is None else by_v
+        for record in (*model_forces(self.model), *self.mechanism.forces):
+            by_q, by_v = derivatives_by_hand(record, self.model, t, p, v)
+            f_q -= by_q
+            f_v -= by_v
         A[:] = M + c * (f_v + c * f_q)
         return self._kept(t, p)[1]
 
@@ -46,6 +48,8 @@ class ByPinocchio(MechanismSystem):
             return sum(phi for phi, _ in rows), sum(J for _, J in rows)
         if isinstance(closure.loop, Coupling):
             return coupling(self.model, closure.loop, q)
+        if isinstance(closure.loop, Drive):
+            return drive(self.model, closure.loop, q, t)
         if isinstance(closure.loop, Loop):
             d, J = self._constraint(np.eye(3), closure.ends())
             length = closure.translation.length
@@ -64,6 +68,8 @@ class ByPinocchio(MechanismSystem):
     def _bias(self, closure, t, q, v):
         if isinstance(closure.loop, Coupling):
             return coupling_bias(self.model, closure.loop, q, v)
+        if isinstance(closure.loop, Drive):
+            return np.array([-derivative(closure.loop, "acceleration", t)])
         if not isinstance(closure.loop, Loop):
             return closure.acceleration_bias(t, q, v)
         p1, R1, v1, w1, a1, b1 = self._motion(closure.joint1, closure.place1)
@@ -118,6 +124,20 @@ def coupling(model, loop, q):
 def coupling_bias(model, loop, q, v):
     other, gradient = _sum(model, loop.shares[1], q)
     return np.array([-_law(loop).deriv(2)(other) * (gradient @ v) ** 2])
+
+
+def drive(model, loop, q, t):
+    """Φ, to the nearest turn if the joint does not count them, and J."""
+    at, J = _sum(model, {loop.joint: 1.0}, q)
+    gap = at - loop.curve(t)
+    if model.nqs[model.getJointId(loop.joint)] == 2:
+        gap = np.remainder(gap + np.pi, 2 * np.pi) - np.pi
+    return np.array([gap]), J[None]
+
+
+def derivative(loop, field, t):
+    """The rate or acceleration of a drive's curve, of which there are functions."""
+    return (getattr(loop, field) or getattr(loop.curve, field))(t)
 
 
 def stacked(parts, nv):

@@ -23,12 +23,13 @@ system evaluates. The equations are M v' + nle = τ + Jᵀλ, so that τ·v is t
 """
 
 from .actuators import Actuator
-from .bodies import Bushing, SpringDamper, Wrench, shared_points
+from .bodies import Bushing, SpringDamper, Wrench
 from .fluids import FluidDrag, FluidEllipsoid
 from .force import BoundForce, Force, JointTorque, Torque, as_force, bound_force, label_of, unused
 from .held import HeldTorque, Sampled
 from .joints import JointDamping, JointFriction, JointSpring, Servo
 from .piecewise import Piecewise
+from .points import shared_points
 
 __all__ = [
     "Actuator", "Bushing", "FluidDrag", "FluidEllipsoid", "Force", "HeldTorque", "JointDamping", "JointFriction",

@@ -9,90 +9,69 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...errors import InputError
-from ..breakpoints import TimeFunction, time_function
-from ..checks import finite_array, name, near, number, numbers, put, put_checked, returned, triple
+from ..breakpoints import TimeCurve, TimeFunction, time_function
+from ..checks import finite_array, name, near, number, numbers, put, put_checked, triple
 from ..curve import Curve
 from ..joint_constraints import Coordinate
 from ..motion import Motion
 from ..sampling import Change
-from .force import BoundForce, ForceRecord
+from .force import CompiledForce, ForceRecord
 from .held import BoundHeld, Held, HeldRecord
 
 UNLIMITED = (-np.inf, np.inf)
 
 
-class BoundActuator(BoundForce):
-    """An actuator on a model; commands that `held` returns, those of a program, take precedence over the record's."""
+class BoundActuator(CompiledForce):
+    """An actuator on a model; the entries of a held table, commands of a program, take precedence over the record's."""
 
-    def __init__(self, record, model, held=None):
-        self._record, self._held = record, held
+    def __init__(self, record, model, table=None):
+        super().__init__(model)
+        self._record, self._table = record, table
         self._joints = [Coordinate(model, joint, record._who, "actuated") for joint in record.arms]
-        self._columns, self._arms = [joint.column for joint in self._joints], np.array(list(record.arms.values()))
-        self._gain, self._bias = np.array(record.gain), np.array(record.bias)
-        self._control, self._force = record.control_range or UNLIMITED, record.force_range or UNLIMITED
-        self._what, self.by_time = f"the command of {record._who}", not record.force_range
+        self.by_time = not record.force_range
+        control = record.control
+        called = callable(control) and type(control) is not Motion and not isinstance(control, Table)
+        self._curve = TimeCurve(control, f"the command of {record._who}") if called else None
 
     def command(self, t) -> float:
         """The command before clipping."""
-        if self._held is not None and (held := self._held(t)) is not None:
-            return held
-        control = self._record.control
-        return self._called(self.breakpoints.inside(t)) if callable(control) else control
+        held = None if self._table is None else self._table.at(t)
+        if held is not None:
+            return float(held[0])
+        control = self._record.control if self._curve is None else self._curve
+        return control(t) if callable(control) else control
 
-    def _called(self, t) -> float:
-        return float(returned(self._record.control, self._what, (), t))
+    def set_breakpoints(self, breakpoints) -> None:
+        if self._curve is not None:
+            self._curve.breakpoints = breakpoints
 
     def functions_of_time(self, q, v):
         control = self._record.control
-        if not callable(control) or type(control) is Motion:
-            return []
         if isinstance(control, Table):
-            return [TimeFunction(control, known=control.changes(*self._control))]
-        return [time_function(control, self._called)]
-
-    def unlimited(self, t, q, v) -> tuple[float, float, np.ndarray]:
-        """The force before clipping, N·m or N, the clipped command, and the coefficients of 1, l and l̇."""
-        command = min(max(self.command(t), self._control[0]), self._control[1])
-        length = self._arms.dot([joint.value(q) for joint in self._joints])
-        law = self._gain * command + self._bias
-        return law.dot((1.0, length, self._arms.dot(v[self._columns]))), command, law
+            return [TimeFunction(control, known=control.changes(*(self._record.control_range or UNLIMITED)))]
+        return [] if self._curve is None else [time_function(control, self._curve.value)]
 
     def at_limit(self, t, q, v) -> bool:
         """Whether the command or the force is clipped at a state."""
-        force, command, _ = self.unlimited(t, q, v)
-        return command != self.command(t) or not self._force[0] <= force <= self._force[1]
-
-    def torque(self, t, q, v):
-        tau = np.zeros(len(v))
-        tau[self._columns] = self._arms * self._limited(t, q, v)
-        return tau
+        return self._alone.limited(t, q, v)
 
     def element(self, t, q, v):
-        length = self._arms.dot([joint.value(q) for joint in self._joints])
-        return {"force": self._limited(t, q, v), "length": length, "speed": self._arms.dot(v[self._columns])}
+        return self._along(t, q, v)
 
-    def _limited(self, t, q, v) -> float:
-        return min(max(self.unlimited(t, q, v)[0], self._force[0]), self._force[1])
-
-    def derivatives(self, t, q, v):
-        force, _, law = self.unlimited(t, q, v)
-        by_q, by_v = np.zeros((2, len(v), len(v)))
-        if self._force[0] <= force <= self._force[1]:
-            places, squares = np.ix_(self._columns, self._columns), np.outer(self._arms, self._arms)
-            by_q[places], by_v[places] = law[1] * squares, law[2] * squares
-        return by_q, by_v
-
-    def hand_over(self, compiled, table=None) -> bool:
-        control = self._record.control
-        moves = type(control) is Motion  # a subclass may have another law
-        if callable(control) and not (moves or isinstance(control, Table)):
-            return False
-        curve = control if moves else Motion(0.0 if callable(control) else control)
-        points = control if isinstance(control, Table) else Table((), ())
-        law = self._gain, self._bias, self._control, self._force
+    def hand_over(self, compiled) -> None:
+        record, control = self._record, self._record.control
+        curve, points = self._curve or (0.0,) * 5, Table((), ())
+        if isinstance(control, Table):
+            points = control
+        elif type(control) is Motion:  # a subclass may have another law
+            curve = control.numbers
+        elif not callable(control):
+            curve = Motion(control).numbers
+        arms = np.array(list(record.arms.values()))
+        limits = record.control_range or UNLIMITED, record.force_range or UNLIMITED
+        law = np.array(record.gain), np.array(record.bias), *limits
         places = [joint.place for joint in self._joints]
-        compiled.add_actuator(places, self._arms, *law, curve.numbers, points.times, points.values, table)
-        return True
+        compiled.add_actuator(places, arms, *law, curve, points.times, points.values, self._table)
 
 
 @dataclass(frozen=True)
@@ -259,29 +238,12 @@ class BoundHeldActuator(BoundHeld):
     def __init__(self, record, model):
         entries = np.zeros((0, 2)) if record.entries is None else record.entries
         super().__init__(1, entries[:, 0], np.ascontiguousarray(entries[:, 1:]), record.sign)
-        self.name, self._actuator = record.name, BoundActuator(record, model, self._command)
-        self.derivatives, self.at_limit = self._actuator.derivatives, self._actuator.at_limit
-        self.functions_of_time, self.by_time = self._actuator.functions_of_time, self._actuator.by_time
-
-    def set_breakpoints(self, breakpoints) -> None:
-        self._actuator.set_breakpoints(breakpoints)
-
-    def command(self, t) -> float:
-        """The command in effect, before clipping."""
-        return self._actuator.command(t)
-
-    def _command(self, t):
-        held = self.entry(t)
-        return None if held is None else float(held[0])
-
-    def torque(self, t, q, v):
-        return self._actuator.torque(t, q, v)
-
-    def element(self, t, q, v):
-        return self._actuator.element(t, q, v)
-
-    def hand_over(self, compiled) -> bool:
-        return self._actuator.hand_over(compiled, self.compiled(compiled))
+        self.name, self._actuator = record.name, BoundActuator(record, model, self.table)
+        self.torque, self.derivatives = self._actuator.torque, self._actuator.derivatives
+        self.functions_of_time, self.set_breakpoints = self._actuator.functions_of_time, self._actuator.set_breakpoints
+        self.command, self.at_limit = self._actuator.command, self._actuator.at_limit
+        self.by_time, self.element = self._actuator.by_time, self._actuator.element
+        self.hand_over = self._actuator.hand_over
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,194 +2,46 @@
 
 from __future__ import annotations
 
-from collections import namedtuple
 from collections.abc import Callable
-from contextlib import contextmanager
-from contextvars import ContextVar
 from dataclasses import dataclass
-from functools import cached_property, partial
-from math import inf, sqrt
+from math import inf
 
 import numpy as np
 import pinocchio as pin
 
 from ...errors import InputError
-from ..axes import SMOOTH, turning_columns
-from ..breakpoints import time_function
-from ..checks import frame_of, name, number, numbers, put, put_checked, returned, triple, workspace
+from ..axes import SMOOTH
+from ..breakpoints import TimeCurve, time_function
+from ..checks import frame_of, name, number, numbers, put, put_checked, triple
 from ..lie import integrate
 from ..loops import GROUND
 from ..motion import first
-from .force import BoundForce, ForceRecord
+from .force import BoundForce, CompiledForce, ForceRecord, StoringForce
+from .points import points_of
 
 SHORTEST = 1e-9
 """Distance of the two points, m, below which the force of a spring is smoothed, as its direction is undefined at 0."""
 ZERO = (0.0, 0.0, 0.0)
 
 
-# A point of a body at a configuration, in world axes: position (3,), and Jacobians of velocity and spin, (3, nv).
-_Point = namedtuple("_Point", "joint x J spin")
-
-
-_SHARED: ContextVar[dict | None] = ContextVar("kinematics of the forces that are bound together", default=None)
-
-
-@contextmanager
-def shared_points():
-    """Within the block, all forces of a model share one :class:`Points`: its workspace has eight arrays of nv³."""
-    before = _SHARED.set({})
-    try:
-        yield
-    finally:
-        _SHARED.reset(before)
-
-
-def points_of(model: pin.Model):
-    """Points of a model: shared, or new."""
-    shared = _SHARED.get()
-    if shared is None:
-        return Points(model)
-    if id(model) not in shared:
-        shared[id(model)] = Points(model)
-    return shared[id(model)]
-
-
-class Points:
-    """Kinematics of points on one model, at the configuration of the last :meth:`move`."""
-
-    def __init__(self, model: pin.Model):
-        self._given = model
-        self._still = np.zeros((3, model.nv))
-
-    @cached_property
-    def model(self) -> pin.Model:
-        """The model without gravity: static torques are then those of the given forces only."""
-        model = self._given.copy()
-        model.gravity.setZero()
-        return model
-
-    @cached_property
-    def data(self) -> pin.Data:
-        """Its workspace, which runs in C++ do not need."""
-        return workspace(self.model)
-
-    @cached_property
-    def _loads(self):
-        return pin.StdVec_Force([pin.Force.Zero() for _ in range(self._given.njoints)])
-
-    def move(self, q) -> None:
-        pin.computeJointJacobians(self.model, self.data, q)
-
-    def at(self, joint: int, offset) -> _Point:
-        """The point fixed at `offset` in a joint's axes."""
-        if joint == 0:
-            return _Point(joint, offset, self._still, self._still)
-        pose = self.data.oMi[joint]
-        J = pin.getJointJacobian(self.model, self.data, joint, pin.LOCAL_WORLD_ALIGNED).reshape(6, -1)  # (6,) if nv = 1
-        arm = pose.rotation.dot(offset)
-        spin = J[3:]
-        return _Point(joint, pose.translation + arm, J[:3] - pin.skew(arm).dot(spin), spin)
-
-    def gradient(self, q, loads, *, turning: bool) -> np.ndarray:
-        """∂(Σ Jᵀ f + spinᵀ m)/∂q, shape (nv, nv) in the tangent space, at the `q` of the last :meth:`move`.
-
-        `loads` are (point, force, moment) in world axes, on each body at most once. With `turning`
-        they rotate with their bodies; otherwise they keep their directions in the world.
-        """
-        change = 0.0
-        places = [self.data.oMi[point.joint].copy() for point, _, _ in loads]
-        for point, force, moment in loads:
-            if point.joint:
-                about_origin = moment + pin.skew(point.x).dot(force)
-                self._loads[point.joint] = self.data.oMi[point.joint].actInv(pin.Force(force, about_origin))
-                if not turning:  # a fixed direction rotates relative to its body
-                    change += (point.J.T.dot(pin.skew(force)) + point.spin.T.dot(pin.skew(moment))).dot(point.spin)
-        change = change - pin.computeStaticTorqueDerivatives(self.model, self.data, q, self._loads)
-        for point, _, _ in loads:
-            self._loads[point.joint] = pin.Force.Zero()
-        if (columns := turning_columns(self.model)).size:
-            offsets = [place.actInv(point.x) for place, (point, _, _) in zip(places, loads, strict=True)]
-
-            def torque(xi):
-                self.move(integrate(self.model, q, xi))
-                total = np.zeros(self.model.nv)
-                for place, offset, (point, force, moment) in zip(places, offsets, loads, strict=True):
-                    there = self.at(point.joint, offset)
-                    turn = self.data.oMi[point.joint].rotation @ place.rotation.T if turning else np.eye(3)
-                    total += (turn @ force) @ there.J + (turn @ moment) @ there.spin
-                return total
-
-            for column in columns:
-                unit = np.arange(self.model.nv) == column
-                change[:, column] = first(lambda s, e=unit: torque(s * e), SMOOTH)
-            self.move(q)
-        return change
-
-
-class _BoundSpring(BoundForce):
-    smooth = stores = True
+class _BoundSpring(StoringForce):
+    smooth = True
 
     def __init__(self, spring, model):
-        self.spring, self._points = spring, points_of(model)
-        self.ends = []
+        super().__init__(model)
+        self.spring, self.ends = spring, []
         for frame, xyz in ((spring.frame1, spring.xyz1), (spring.frame2, spring.xyz2)):
             frame = frame_of(model, frame, spring._who)
             self.ends.append((frame.parentJoint, frame.placement.act(np.array(xyz))))
         if self.ends[0][0] == self.ends[1][0]:
             raise InputError(f"the {spring._who} connects a body to itself")
 
-    def torque(self, t, q, v):
-        l, u, J = self._line(q)[:3]
-        along = u.dot(J)
-        return -self._tension(l, along @ v) * along
-
-    def derivatives(self, t, q, v):
-        """Exact: stiffness and damping along the line, T/l across it, and the rotation of the bodies."""
-        l, u, J, point1, point2 = self._line(q)
-        along, spring, no_moment = u.dot(J), self.spring, np.zeros(3)
-        squared = along[:, None] * along
-        bend = self._points.gradient(q, ((point1, -u, no_moment), (point2, u, no_moment)), turning=False)
-        bend += (J.T.dot(J) - squared) / l  # now ∂²l/∂q²
-        by_q = -spring.stiffness * squared - self._tension(l, along.dot(v)) * bend
-        if not spring.damping:
-            return by_q, None
-        return by_q - (spring.damping * along)[:, None] * v.dot(bend), -spring.damping * squared
-
-    def hand_over(self, compiled) -> bool:
+    def hand_over(self, compiled) -> None:
         spring, (end1, end2) = self.spring, self.ends
         compiled.add_spring(*end1, *end2, spring.stiffness, spring.length, spring.damping, SHORTEST)
-        return True
-
-    def hand_over_damper(self, compiled) -> None:
-        """Add only the damper to the compiled system, the part without stored energy."""
-        spring, (end1, end2) = self.spring, self.ends
-        compiled.add_spring(*end1, *end2, 0.0, spring.length, spring.damping, SHORTEST)
-
-    def stored(self, q, v) -> tuple[float, float]:
-        l, u, J = self._line(q)[:3]
-        load = self.spring.stiffness * (l - self.spring.length)
-        return 0.5 * load * (l - self.spring.length), load * (u @ J @ v)
-
-    def loads(self, t, q, v):
-        l, u, J, point1, point2 = self._line(q)
-        pull, no_moment = self._tension(l, u @ J @ v) * u, np.zeros(3)
-        return [(point1.joint, point1.x, pull, no_moment), (point2.joint, point2.x, -pull, no_moment)]
 
     def element(self, t, q, v):
-        l, u, J = self._line(q)[:3]
-        speed = u @ J @ v
-        return {"force": self._tension(l, speed), "length": l, "speed": speed}
-
-    def _tension(self, l, rate):
-        return self.spring.stiffness * (l - self.spring.length) + self.spring.damping * rate
-
-    def _line(self, q):
-        """Length, direction from point 1 to point 2, (3,), J of their difference, (3, nv), and the two points."""
-        self._points.move(q)
-        point1, point2 = (self._points.at(joint, offset) for joint, offset in self.ends)
-        r = point2.x - point1.x
-        l = sqrt(r.dot(r) + SHORTEST**2)
-        return l, r / l, point2.J - point1.J, point1, point2
+        return self._along(t, q, v)
 
 
 class _BetweenFrames(ForceRecord):
@@ -365,62 +217,38 @@ class Bushing(_BetweenFrames):
             put(self, **{field: given})
 
 
-class _BoundWrench(BoundForce):
+class _BoundWrench(CompiledForce):
     by_time = True
 
     def __init__(self, wrench, model):
+        super().__init__(model)
         frame = frame_of(model, wrench.frame, wrench._who)
         if frame.parentJoint == 0:
             raise InputError(f"{wrench._who}: the frame belongs to the ground, which cannot move")
-        self._wrench, self._joint, self._turn = wrench, frame.parentJoint, frame.placement.rotation
-        self._offset = frame.placement.act(np.array(wrench.xyz))
-        self._points, self._local = points_of(model), wrench.axes == "local"
-        self.smooth = not (callable(wrench.force) or callable(wrench.moment))
+        self._wrench, self._joint = wrench, frame.parentJoint
+        self._frame = frame.placement * pin.SE3(np.eye(3), np.array(wrench.xyz))
+        parts = {field: getattr(wrench, field) for field in ("force", "moment")}
+        self._curves = {
+            field: TimeCurve(part, f"the {field} of the {wrench._who}", (3,))
+            for field, part in parts.items()
+            if callable(part)
+        }
+        self._parts = {field: self._curves.get(field) or np.array(part) for field, part in parts.items()}
+        self.smooth = not self._curves
 
-    def torque(self, t, q, v):
-        force, moment = self._in_world(t, q)
-        point = self._points.at(self._joint, self._offset)
-        return force.dot(point.J) + moment.dot(point.spin)
-
-    def derivatives(self, t, q, v):
-        load = self._in_world(t, q)
-        point = self._points.at(self._joint, self._offset)
-        return self._points.gradient(q, [(point, *load)], turning=self._local), None
-
-    def hand_over(self, compiled) -> bool:
-        if self.smooth:
-            turn = self._turn if self._local else np.eye(3)
-            load = (turn @ np.array(part) for part in (self._wrench.force, self._wrench.moment))
-            compiled.add_wrench(self._joint, self._offset, *load, self._local)
-        return self.smooth
-
-    def loads(self, t, q, v):
-        force, moment = self._in_world(t, q)
-        return [(self._joint, self._points.at(self._joint, self._offset).x, force, moment)]
-
-    def element(self, t, q, v):
-        force, moment = self._in_world(t, q)
-        return {"force": force, "moment": moment}
+    def set_breakpoints(self, breakpoints) -> None:
+        for curve in self._curves.values():
+            curve.breakpoints = breakpoints
 
     def functions_of_time(self, q, v):
-        fields = [field for field in ("force", "moment") if callable(getattr(self._wrench, field))]
-        return [time_function(getattr(self._wrench, field), partial(self._part, field)) for field in fields]
+        return [time_function(curve.function, curve.value) for curve in self._curves.values()]
 
-    def _part(self, field, t):
-        part = getattr(self._wrench, field)
-        if callable(part):
-            part = returned(part, f"the {field} of the {self._wrench._who}", (3,), t)
-        return np.array(part)
+    def hand_over(self, compiled) -> None:
+        compiled.add_wrench(self._joint, self._frame.homogeneous, *self._parts.values(), self._wrench.axes == "local")
 
-    def _in_world(self, t, q):
-        """Force and moment in world axes at a configuration; moves the points there."""
-        self._points.move(q)
-        t = self.breakpoints.inside(t)
-        parts = [self._part(field, t) for field in ("force", "moment")]
-        if not self._local:
-            return parts
-        R = self._points.data.oMi[self._joint].rotation @ self._turn
-        return [R @ part for part in parts]
+    def element(self, t, q, v):
+        ((_, _, force, moment),) = self.loads(t, q, v)
+        return {"force": force, "moment": moment}
 
 
 @dataclass(frozen=True)

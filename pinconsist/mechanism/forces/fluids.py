@@ -13,8 +13,9 @@ from ..axes import SMOOTH
 from ..checks import frame_of, name, number, numbers, put_checked, triple
 from ..lie import integrate
 from ..motion import first
-from .bodies import ZERO, points_of
+from .bodies import ZERO
 from .force import BoundForce, ForceRecord
+from .points import points_of
 
 
 class _BoundDrag(BoundForce):

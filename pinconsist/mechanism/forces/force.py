@@ -5,14 +5,25 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
+from ...engine.systems import blank_system
 from ...errors import InputError
-from ..breakpoints import NONE, Breakpoints, TimeFunction, depends_on_time, time_function, with_own_state
+from ..breakpoints import (
+    NONE,
+    Breakpoints,
+    TimeCurve,
+    TimeFunction,
+    depends_on_time,
+    time_function,
+    with_own_state,
+)
 from ..checks import amounts, called, columns, function_name, put, real_array, require_functions, returned, spread
 from ..motion import Motion, slope
+from .points import points_of
 
 MOST_NAMED = 3  # joints in a label
 NARROW = 2e-6  # rad, m or of a velocity: step of differences of fourth order, for transitions of 1e-4 and wider
@@ -58,7 +69,7 @@ class ForceRecord:
 
 
 class BoundForce(ABC):
-    """A record bound to a model; by default it depends on time only, and only Python can evaluate it.
+    """A record bound to a model; by default it depends on time only, and the engine calls it.
 
     It is `smooth` if it never bends or jumps within a step; otherwise Radau evaluates it also between its stages.
     `by_time` says that it bends or jumps only as its functions of time do. If it `stores` elastic energy, it has
@@ -92,52 +103,92 @@ class BoundForce(ABC):
         """The functions of time; those of a law f(t, q, v) are at this state."""
         return []
 
-    def hand_over(self, compiled) -> bool:
-        """Add this law to the compiled system; False if it must be evaluated in Python."""
-        return False
+    def hand_over(self, compiled) -> None:
+        """Add this law to the compiled system."""
+        compiled.add_python_force(self)
 
 
-class _BoundTorque(BoundForce):
+class CompiledForce(BoundForce):
+    """A record whose law is in the engine: ``hand_over`` adds its numbers and functions of time."""
+
+    def __init__(self, model):
+        self._model, self._points = model, points_of(model)
+
+    @abstractmethod
+    def hand_over(self, compiled) -> None: ...
+
+    @cached_property
+    def _alone(self):
+        """A compiled system with this force only."""
+        alone = blank_system(self._model, self._points)
+        self.hand_over(alone)
+        return alone
+
+    def torque(self, t, q, v):
+        return self._alone.torque(t, q, v)
+
+    def derivatives(self, t, q, v):
+        return self._alone.torque_derivatives(t, q, v)
+
+    def loads(self, t, q, v):
+        return self._alone.loads(t, q, v)
+
+    def _along(self, t, q, v):
+        """Force, length and speed of an element that has a length."""
+        return dict(zip(("force", "length", "speed"), self._alone.along(t, q, v), strict=True))
+
+
+class StoringForce(CompiledForce):
+    """A record whose law is in the engine, and that stores elastic energy."""
+
+    stores = True
+
+    def stored(self, q, v) -> tuple[float, float]:
+        return self._alone.stored(q, v)
+
+
+class _BoundTorque(CompiledForce):
     by_time = True
 
     def __init__(self, record, model):
+        super().__init__(model)
         constant, functions = record.torques, {}
         if isinstance(constant, Mapping):
             functions = {joint: torque for joint, torque in constant.items() if callable(torque)}
             constant = {joint: torque for joint, torque in constant.items() if joint not in functions}
-        self._constant, self._curves = spread(model, constant, "JointTorque"), []
-        for joint, curve in functions.items():
+        self._constant, self._motions = spread(model, constant, "JointTorque"), []
+        self._curves: list[tuple[TimeCurve, int, int]] = []  # with the columns that they are for
+        for joint, function in functions.items():
             here = columns(model, joint, "JointTorque")
-            shape = () if here.stop == here.start + 1 else (here.stop - here.start,)
-            self._curves.append((curve, here, shape, f"the torque of joint {joint!r}"))
-        self.smooth = all(type(curve) is Motion for curve in functions.values())
+            size = here.stop - here.start
+            if type(function) is Motion and size == 1:
+                self._motions.append((function, here.start))
+            else:
+                curve = TimeCurve(function, f"the torque of joint {joint!r}", (size,) if size > 1 else ())
+                self._curves.append((curve, here.start, size))
+        self.smooth = not self._curves
 
     @property
     def constant(self):
         """τ, shape (nv,), or None if some of it depends on time."""
-        return None if self._curves else self._constant
+        return None if self._curves or self._motions else self._constant
 
-    def torque(self, t, q, v):
-        tau, t = self._constant.copy(), self.breakpoints.inside(t)
-        for curve, here, shape, what in self._curves:
-            tau[here] = returned(curve, what, shape, t)
-        return tau
+    def set_breakpoints(self, breakpoints) -> None:
+        for curve, _, _ in self._curves:
+            curve.breakpoints = breakpoints
 
     def functions_of_time(self, q, v):
-        curves = [each for each in self._curves if type(each[0]) is not Motion]
-        return [time_function(curve, _calling(curve, what, shape)) for curve, _, shape, what in curves]
+        return [time_function(curve.function, curve.value) for curve, _, _ in self._curves]
 
-    def hand_over(self, compiled) -> bool:
-        own = all(type(curve) is Motion and not shape for curve, _, shape, _ in self._curves)
-        if own:
-            compiled.add_constant(self._constant)
-            for curve, here, _, _ in self._curves:
-                compiled.add_torque_curve(here.start, curve.numbers)
-        return own
-
-
-def _calling(curve, what, shape):
-    return lambda t: returned(curve, what, shape, t)
+    def hand_over(self, compiled) -> None:
+        compiled.add_constant(self._constant)
+        for motion, column in self._motions:
+            compiled.add_torque_curve(column, motion.numbers)
+        for curve, column, size in self._curves:
+            if size == 1:
+                compiled.add_torque_curve(column, curve)
+            else:
+                compiled.add_time_torque(column, size, curve)
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...engine.systems import held_table
 from ...errors import InputError
 from ..breakpoints import jump_offset
 from ..checks import columns, finite_array, name, number, put, read_only, require_functions, returned, several
 from .force import BoundForce, ForceRecord
 
 SAME_TIME = 1e-9  # in periods: times that differ by less are equal
-BEHIND = 0.25  # of the offset at a jump: on the steps of a run, a time later by less is not behind it
+BEHIND = 0.25  # of the offset at a jump: on the steps of a run, a time later by less is not behind it; see HeldTable
 
 
 class BoundHeld(BoundForce):
@@ -25,11 +26,13 @@ class BoundHeld(BoundForce):
     smooth = changes = True
 
     def __init__(self, nv, times=(), torques=(), sign=1.0, linear=False):
-        self._nv, self._sign, self._linear, self._table = nv, sign, linear, None
+        self._nv, self._sign, self._linear = nv, sign, linear
+        self.table = held_table()  # the same entries in the engine
         self._keys, self._torques = [sign * t for t in times], list(torques)
         self.entered = len(self._keys)
         self.in_order = True  # whether the entries are those given, and not reversed
         self._begun: int | None = None  # entries at the start of a run that is over, on whose steps it acts
+        self._fill()
 
     @property
     def held(self) -> np.ndarray:
@@ -40,45 +43,31 @@ class BoundHeld(BoundForce):
 
     def entry(self, t):
         """The torques at a time, or None before the first entry."""
-        keys, torques, i = self._keys, self._torques, self._reached(t)
-        if not (self._linear and 0 < i < len(keys)):
-            return torques[i - 1] if i else None
-        return torques[i - 1] + (self._sign * t - keys[i - 1]) / (keys[i] - keys[i - 1]) * (torques[i] - torques[i - 1])
-
-    def _reached(self, t) -> int:
-        """The number of entries in effect up to a time."""
-        if self._begun is None:
-            return bisect_right(self._keys, self._sign * t, 0, self.entered)
-        return max(self._begun, bisect_right(self._keys, self._sign * t - BEHIND * jump_offset(t)))
+        return self.table.at(t)
 
     def share_of(self, i, t) -> float:
         """The share of the entry `i` in the torques at a time."""
-        n, keys = self._reached(t), self._keys
+        n, keys = self.table.reached(t), self._keys
         if not (self._linear and 0 < n < len(keys)):
             return float(i == n - 1)
         part = (self._sign * t - keys[n - 1]) / (keys[n] - keys[n - 1])
         return part if i == n else 1.0 - part if i == n - 1 else 0.0
 
-    @property
-    def table(self):
-        """The table in C++, if it is there."""
-        return self._table
-
     def torque(self, t, q, v):
         held = self.entry(t)
-        return np.zeros(self._nv) if held is None else held.copy()
+        return np.zeros(self._nv) if held is None else held
 
     def hold(self, t, torque) -> None:
         """Hold a torque (nv,) from `t` on; it replaces a torque that was added at the same time."""
         self._keys.append(self._sign * t)
         self._torques.append(torque)
         self.entered = len(self._keys)
-        if self._table is not None:
-            self._table.hold(t, torque)
+        self.table.hold(t, torque)
 
     def forget(self) -> None:
         """Forget all entries before the next start: a program gives new ones."""
         self._keys, self._torques, self.entered = [], [], 0
+        self._fill()
 
     def start(self, t, backwards) -> None:
         """Start a run at `t`: the entries up to this time are in effect."""
@@ -128,33 +117,21 @@ class BoundHeld(BoundForce):
         if self._keys[before:n] != (met := [now] * (n - before)):
             self._keys[before:n] = met  # `t` is a sum of steps, and slightly too small, or that of another change
             self._fill()
-        self.entered = n
-        if self._table is not None:
-            self._table.entered = n
+        self.entered = self.table.entered = n
         return None if n == before else not (self._linear and before and n == before + 1)
 
-    def hand_over(self, compiled) -> bool:
-        compiled.add_held(self.compiled(compiled))
-        return True
-
-    def compiled(self, compiled):
-        """The table in C++."""
-        if self._table is None:
-            self._table = compiled.held_table()
-            self._fill()
-        return self._table
+    def hand_over(self, compiled) -> None:
+        compiled.add_held(self.table)
 
     def _fill(self):
-        """Copy the table to the compiled one."""
-        if self._table is None:
-            return
-        self._table.clear(self._sign)
-        self._table.linear = self._linear
+        """Copy the entries to the engine."""
+        self.table.clear(self._sign)
+        self.table.linear = self._linear
         for key, torque in zip(self._keys, self._torques, strict=True):
-            self._table.hold(self._sign * key, torque)
-        self._table.entered = self.entered
+            self.table.hold(self._sign * key, torque)
+        self.table.entered = self.entered
         if self._begun is not None:
-            self._table.on_steps, self._table.begun = True, self._begun
+            self.table.on_steps, self.table.begun = True, self._begun
 
 
 def columns_of(model, joints, who) -> np.ndarray:

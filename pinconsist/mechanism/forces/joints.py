@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import pinocchio as pin
 
 from ...errors import InputError
-from ..breakpoints import time_function
+from ..breakpoints import TimeCurve, time_function
 from ..checks import (
     amounts,
     joint_index,
@@ -21,30 +20,23 @@ from ..checks import (
     put,
     put_checked,
     require_functions,
-    returned,
     spread,
 )
 from ..joint_constraints import Coordinate
 from ..loops import unit
 from ..motion import TIME_STEP, Motion, in_time
-from .force import BoundForce, ForceRecord
+from .force import BoundForce, CompiledForce, ForceRecord, StoringForce
 
 
-class _ViscousDamping(BoundForce):
+class _ViscousDamping(CompiledForce):
     smooth = True
 
     def __init__(self, damping, model):
+        super().__init__(model)
         self._coefficients = spread(model, damping.coefficients, "JointDamping", alike=True)
 
-    def torque(self, t, q, v):
-        return -self._coefficients * v
-
-    def derivatives(self, t, q, v):
-        return None, -np.diag(self._coefficients)
-
-    def hand_over(self, compiled) -> bool:
+    def hand_over(self, compiled) -> None:
         compiled.add_damping(self._coefficients)
-        return True
 
 
 @dataclass(frozen=True)
@@ -71,22 +63,15 @@ class JointDamping(ForceRecord):
         put(self, coefficients=amounts(self.coefficients, "JointDamping", least=0.0))
 
 
-class _SmoothFriction(BoundForce):
+class _SmoothFriction(CompiledForce):
     def __init__(self, friction, model):
+        super().__init__(model)
         self._coefficients = spread(model, friction.coefficients, "JointFriction", alike=True)
         self._width = friction.width
         self.widths = np.where(self._coefficients > 0.0, friction.width, np.inf)
 
-    def torque(self, t, q, v):
-        return -self._coefficients * np.tanh(v / self._width)
-
-    def derivatives(self, t, q, v):
-        sech = 1.0 / np.cosh(np.minimum(np.abs(v) / self._width, 300.0))
-        return None, np.diag(-self._coefficients * sech**2 / self._width)
-
-    def hand_over(self, compiled) -> bool:
+    def hand_over(self, compiled) -> None:
         compiled.add_friction(self._coefficients, self._width)
-        return True
 
 
 @dataclass(frozen=True)
@@ -124,83 +109,62 @@ class JointFriction(ForceRecord):
         put(self, width=number(self.width, "JointFriction: width", above=0.0))
 
 
-class _BoundServo(BoundForce):
+class _Target(TimeCurve):
+    """The target of a servo with its rate: a function, or differences."""
+
+    def __init__(self, servo):
+        super().__init__(servo.target, f"the target of {servo._who}")
+        rate = servo.rate or getattr(servo.target, "rate", None)
+        self.given_rate = None if rate is None else TimeCurve(rate, f"the rate of {servo._who}")
+
+    def rate(self, t) -> float:
+        t = self.breakpoints.inside(t)
+        if self.given_rate is not None:
+            return self.given_rate.value(t)
+        return float(in_time(lambda s: self.value(t + s), 1, TIME_STEP, *self.breakpoints.reach(t)))
+
+
+class _BoundServo(CompiledForce):
     by_time = True
 
     def __init__(self, servo, model):
-        self._set(servo, model, "servo-controlled", servo.target, servo.damping, servo.rate)
+        super().__init__(model)
+        self._servo, self._coordinate = servo, Coordinate(model, servo.joint, servo._who, "servo-controlled")
+        target = servo.target
+        moves = type(target) is Motion and servo.rate is None
+        self._curve = _Target(servo) if callable(target) and not moves else None
+        self._numbers = target.numbers if moves else (0.0 if callable(target) else target, 0.0, 0.0, 0.0, 0.0)
+        self.smooth = self._curve is None
 
-    def _set(self, record, model, purpose, target, damping=0.0, rate=None):
-        self._coordinate = Coordinate(model, record.joint, record._who, purpose)
-        self._who, self._target, self._rate = record._who, target, rate
-        self._stiffness, self._damping = record.stiffness, damping
-        self.smooth = rate is None and (type(target) is Motion or not callable(target))
-
-    def torque(self, t, q, v):
-        target, rate = self._wanted(t)
-        tau, i = np.zeros(len(v)), self._coordinate.column
-        tau[i] = -self._stiffness * self._coordinate.beyond(q, target) + self._damping * (rate - v[i])
-        return tau
-
-    def derivatives(self, t, q, v):
-        by_q, by_v = np.zeros((2, len(v), len(v)))  # not kept: there may be thousands of springs
-        i = self._coordinate.column
-        by_q[i, i], by_v[i, i] = -self._stiffness, -self._damping
-        return by_q, by_v if self._damping else None
+    def set_breakpoints(self, breakpoints) -> None:
+        if self._curve is not None:
+            self._curve.breakpoints = breakpoints
 
     def functions_of_time(self, q, v):
-        if type(self._target) is Motion or not callable(self._target):
+        if self._curve is None:
             return []
-        jumps = 1 if self._damping else 0  # also of its rate
-        found = [time_function(self._target, lambda t: self._number(self._target, "target", t), jumps)]
-        if self._damping and self._rate is not None:
-            found.append(time_function(self._rate, lambda t: self._number(self._rate, "rate", t)))
+        servo, curve = self._servo, self._curve
+        found = [time_function(servo.target, curve.value, 1 if servo.damping else 0)]  # if damped, also of its rate
+        if servo.damping and servo.rate is not None:
+            found.append(time_function(servo.rate, curve.given_rate.value))
         return found
 
-    def hand_over(self, compiled) -> bool:
-        if self.smooth:
-            target, period = self._target, self._coordinate.period or 0.0
-            numbers = target.numbers if callable(target) else (target, 0.0, 0.0, 0.0, 0.0)
-            compiled.add_servo(self._coordinate.place, period, numbers, self._stiffness, self._damping)
-        return self.smooth
-
-    def _wanted(self, t) -> tuple[float, float]:
-        if not callable(self._target):
-            return self._target, 0.0
-        t = self.breakpoints.inside(t)
-        target = self._number(self._target, "target", t)
-        if not self._damping:
-            return target, 0.0
-        rate = self._rate or getattr(self._target, "rate", None)
-        if rate is not None:
-            return target, self._number(rate, "rate", t)
-        return target, float(in_time(partial(self._later, t), 1, TIME_STEP, *self.breakpoints.reach(t)))
-
-    def _later(self, t, s) -> float:
-        return self._number(self._target, "target", t + s)
-
-    def _number(self, function, part, t) -> float:
-        return float(returned(function, f"the {part} of {self._who}", (), t))
+    def hand_over(self, compiled) -> None:
+        servo, joint = self._servo, self._coordinate
+        target = self._numbers if self._curve is None else self._curve
+        compiled.add_servo(joint.place, joint.period or 0.0, target, servo.stiffness, servo.damping)
 
 
-class _BoundSpring(_BoundServo):
-    """A spring: a servo with a constant target, which also stores energy."""
-
-    stores = True
+class _BoundSpring(StoringForce):
+    smooth = True
 
     def __init__(self, spring, model):
-        self._set(spring, model, "sprung", spring.rest, spring.damping)
+        super().__init__(model)
+        self._spring, self._coordinate = spring, Coordinate(model, spring.joint, spring._who, "sprung")
 
-    def stored(self, q, v) -> tuple[float, float]:
-        deflection = self._coordinate.beyond(q, self._target)
-        load = self._stiffness * deflection
-        return 0.5 * load * deflection, load * v[self._coordinate.column]
-
-    def hand_over_damper(self, compiled) -> None:
-        """Add only the damper to the compiled system, the part without stored energy."""
-        if self._damping:
-            rest = (self._target, 0.0, 0.0, 0.0, 0.0)
-            compiled.add_servo(self._coordinate.place, self._coordinate.period or 0.0, rest, 0.0, self._damping)
+    def hand_over(self, compiled) -> None:
+        spring, joint = self._spring, self._coordinate
+        compiled.add_joint_spring(joint.place, joint.period or 0.0, spring.rest, spring.stiffness, spring.damping)
 
 
 class _BoundSum(BoundForce):
