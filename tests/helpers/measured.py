@@ -2,8 +2,8 @@
 
 import numpy as np
 import pinocchio as pin
-from helpers.laws import stored_by_hand, torque_by_hand
 
+from helpers.laws import stored_by_hand, torque_by_hand
 from pinconsist.mechanism.forces import bound_forces, model_forces
 from pinconsist.mechanism.loops import Length, RotationVector
 from pinconsist.mechanism.rows import LoopRows

@@ -1,9 +1,9 @@
-"""The equations of a mechanism by Pinocchio's own functions and the laws of forces by hand: nothing of it is compiled."""
+"""The equations of a mechanism by Pinocchio, and the laws of forces by hand: nothing of it is compiled."""
 
 import numpy as np
 import pinocchio as pin
-from helpers.laws import derivatives_by_hand, torques_by_hand
 
+from helpers.laws import derivatives_by_hand, torques_by_hand
 from pinconsist.mechanism.axes import rnea_derivatives
 from pinconsist.mechanism.forces import model_forces
 from pinconsist.mechanism.joint_constraints import Coupling, Drive
