@@ -358,7 +358,7 @@ def test_one_number_is_the_damping_of_each_velocity_of_a_joint():
     one, each = ({"ball": 2.0}, {"ball": (2.0, 2.0, 2.0)})
     model = mixed_tree()
     for record in (pc.JointDamping, pc.JointFriction):
-        torques = [bound(model, record(given)).torque(0.0, None, v) for given in (one, each)]
+        torques = [bound(model, record(given)).torque(0.0, pin.neutral(model), v) for given in (one, each)]
         np.testing.assert_array_equal(*torques)
         assert np.count_nonzero(torques[0]) == 3
 

@@ -294,6 +294,17 @@ public:
     if (forces_on_bodies_) library::joint_jacobians(model_, data_, p);
     return forces_.at(0)->along(data_, t, p, v);
   }
+  // Energy of springs and its rate.
+  std::pair<double, double> stored(const Vec &p, const Vec &v) {
+    if (forces_on_bodies_) library::joint_jacobians(model_, data_, p);
+    std::pair<double, double> all{0.0, 0.0};
+    for (const auto &force : forces_) {
+      const auto [energy, rate] = force->stored(data_, p, v);
+      all.first += energy;
+      all.second += rate;
+    }
+    return all;
+  }
   bool limited(double t, const Vec &p, const Vec &v) const { return forces_.at(0)->limited(t, p, v); }
 
   void sharp_force(double t, const Vec &p, const Vec &v, Vec &tau) override {

@@ -225,6 +225,7 @@ NB_MODULE(_engine, m) {
              return loads;
            })
       .def("along", &MechanismSystem::along)
+      .def("stored", &MechanismSystem::stored)
       .def("limited", &MechanismSystem::limited)
       .def_prop_ro("G_transposed", [](const MechanismSystem &s) { return s.G_transposed(); }) // of the last evaluation
       .def_prop_ro("in_lanes", [](MechanismSystem &s) { return s.in_lanes() != nullptr; })

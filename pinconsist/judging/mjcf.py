@@ -367,7 +367,7 @@ class _Writer:
             f'<general joint={joint} gaintype="fixed" gainprm="1" biastype="affine" biasprm="0 {-k!r} {-d!r}"/>'
         )
         bound = force.bind(self.bare)
-        self.commands.append((len(self.actuators) - 1, lambda t: float(np.dot((k, d), bound._wanted(t)))))
+        self.commands.append((len(self.actuators) - 1, lambda t: float(np.dot((k, d), bound.wanted(t)))))
 
     def _actuator(self, force):
         arms = force.arms

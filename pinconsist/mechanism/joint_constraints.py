@@ -148,15 +148,25 @@ class Drive(JointConstraint):
         return (self.joint,)
 
 
-class _DriveCurve(TimeCurve):
+class _FiniteCurve(TimeCurve):
+    """A user's function of a drive."""
+
+    def value(self, t):
+        found = super().value(t)
+        if not math.isfinite(found):
+            raise InputError(f"{self._what} is {found} at t = {t:.6g}; it must be finite")
+        return found
+
+
+class _DriveCurve(_FiniteCurve):
     """The curve of a drive with its derivatives: functions, or differences."""
 
     def __init__(self, drive):
         super().__init__(drive.curve, f"the curve of drive {drive.name!r}")
-        self.derivatives: dict[str, TimeCurve] = {}
+        self.derivatives: dict[str, _FiniteCurve] = {}
         for field in ("rate", "acceleration"):
             if (function := getattr(drive, field) or getattr(drive.curve, field, None)) is not None:
-                self.derivatives[field] = TimeCurve(function, f"the {field} of drive {drive.name!r}")
+                self.derivatives[field] = _FiniteCurve(function, f"the {field} of drive {drive.name!r}")
 
     def rate(self, t) -> float:
         return self._derivative("rate", 1, t)

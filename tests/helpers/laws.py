@@ -17,15 +17,17 @@ def torques_by_hand(mech, t, q, v):
 
 def torque_by_hand(record, model, t, q, v):
     """τ of a record; by its law if that is in Python."""
-    if isinstance(record, pc.JointSpring) and not _of_one_joint(record):
+    if _is_in_python(record):
         return bound_force(model, record, label_of(record)).torque(t, q, v)
-    law = LAWS.get(type(record))
-    return bound_force(model, record, label_of(record)).torque(t, q, v) if law is None else law(record, model, t, q, v)
+    return LAWS[type(record)](record, model, t, q, v)
 
 
 def derivatives_by_hand(record, model, t, q, v):
-    """(∂τ/∂q, ∂τ/∂v) by differences of these."""
+    """(∂τ/∂q, ∂τ/∂v) by differences of these; by its law if that is in Python."""
     step, every = 1e-3, np.eye(model.nv)
+    if _is_in_python(record):
+        parts = bound_force(model, record, label_of(record)).derivatives(t, q, v)
+        return tuple(0.0 * every if part is None else part for part in parts)
 
     def slope(of):
         return (8.0 * (of(step) - of(-step)) - (of(2.0 * step) - of(-2.0 * step))) / (12.0 * step)
@@ -36,11 +38,14 @@ def derivatives_by_hand(record, model, t, q, v):
 
 
 def stored_by_hand(record, model, q, v):
-    """The elastic energy of a record and its rate, by differences along the motion."""
+    """The elastic energy of a record and its rate, by differences along the motion; by its law if that is in Python."""
+    if _is_in_python(record):
+        law = bound_force(model, record, label_of(record))
+        return law.stored(q, v) if law.stores else (0.0, 0.0)
 
     def energy(s):
         there = pin.integrate(model, q, s * v)
-        if isinstance(record, pc.JointSpring) and _of_one_joint(record):
+        if isinstance(record, pc.JointSpring):
             i = model.getJointId(record.joint)
             unit = pc.JointSpring(record.joint, 1.0, record.rest)
             return 0.5 * record.stiffness * _joint_spring(unit, model, 0.0, there, 0.0 * v)[model.idx_vs[i]] ** 2
@@ -48,16 +53,18 @@ def stored_by_hand(record, model, q, v):
             ends = (record.frame1, record.xyz1), (record.frame2, record.xyz2)
             x1, x2 = (_frame(model, frame, xyz, there)[0] for frame, xyz in ends)
             return 0.5 * record.stiffness * (np.linalg.norm(x2 - x1) - record.length) ** 2
-        law = bound_force(model, record, label_of(record))
-        return law.stored(there, v)[0] if law.stores else 0.0
+        return 0.0
 
     h = 1e-3 / (1.0 + np.abs(v).max(initial=0.0))
     rate = (8.0 * (energy(h) - energy(-h)) - (energy(2.0 * h) - energy(-2.0 * h))) / (12.0 * h)
     return energy(0.0), rate
 
 
-def _of_one_joint(record):
-    return isinstance(record.joint, str) and isinstance(record.rest, float)
+def _is_in_python(record):
+    """Whether the engine asks Python for its law: it has no other spring than those of one joint."""
+    if isinstance(record, pc.JointSpring):
+        return not (isinstance(record.joint, str) and isinstance(record.rest, float))
+    return type(record) not in LAWS
 
 
 def _at(curve, t):
@@ -116,7 +123,11 @@ def _servo(record, model, t, q, v):
     rate, h = 0.0, 1e-3
     if callable(record.target):
         f = record.target
-        rate = (8.0 * (f(t + h) - f(t - h)) - (f(t + 2.0 * h) - f(t - 2.0 * h))) / (12.0 * h)
+        rate = (
+            record.target.rate(t)
+            if isinstance(f, pc.Motion)
+            else (8.0 * (f(t + h) - f(t - h)) - (f(t + 2.0 * h) - f(t - 2.0 * h))) / (12.0 * h)
+        )
     return _pull(model, record.joint, record.stiffness, record.damping, _at(record.target, t), rate, q, v)
 
 

@@ -131,10 +131,18 @@ class _BoundServo(CompiledForce):
         super().__init__(model)
         self._servo, self._coordinate = servo, Coordinate(model, servo.joint, servo._who, "servo-controlled")
         target = servo.target
-        moves = type(target) is Motion and servo.rate is None
-        self._curve = _Target(servo) if callable(target) and not moves else None
-        self._numbers = target.numbers if moves else (0.0 if callable(target) else target, 0.0, 0.0, 0.0, 0.0)
+        if type(target) is Motion and servo.rate is None:
+            self._curve, self._motion = None, target
+        elif callable(target):
+            self._curve, self._motion = _Target(servo), Motion()
+        else:
+            self._curve, self._motion = None, Motion(target)
         self.smooth = self._curve is None
+
+    def wanted(self, t) -> tuple[float, float]:
+        """The target and its rate."""
+        curve = self._curve or self._motion
+        return curve(t), curve.rate(t)
 
     def set_breakpoints(self, breakpoints) -> None:
         if self._curve is not None:
@@ -151,7 +159,7 @@ class _BoundServo(CompiledForce):
 
     def hand_over(self, compiled) -> None:
         servo, joint = self._servo, self._coordinate
-        target = self._numbers if self._curve is None else self._curve
+        target = self._curve or self._motion.numbers
         compiled.add_servo(joint.place, joint.period or 0.0, target, servo.stiffness, servo.damping)
 
 
