@@ -142,36 +142,18 @@ def read_scene(
 ) -> Mechanism:  # fmt: skip
     """The mechanism of a file and of the loop file that belongs to it; see :func:`load`."""
     path, reader = scene.path, catalogue.reader_of(scene.path, scene.content)
+    _check_options(path, reader, args, free_flyer, ground)
     is_urdf = reader in ("urdf", "xacro")
-    if args and reader != "xacro":
-        raise InputError(f"args= is for xacro files, and {path.name} is not one")
-    if free_flyer and reader in _FLOATS:
-        raise InputError(f"free_flyer= is not for {_FLOATS[reader]}")
-    if ground is not False and reader in _WITHOUT_SOLIDS:
-        raise InputError(
-            f"ground= is not for {path.name}: the collision shapes of such files are not read; add its contacts by "
-            "mech.with_contacts(pc.Contact(…))"
-        )
-    loop_path = None if loops is None else Path(loops)
-    if loops is None and is_urdf and not scene.content:
-        loop_path = loopfile.find_loop_file(path)
-        if loop_path is not None and loop_path.stem in loopfile.LISTS:
-            warn(f"{path}: its loops are taken from {loop_path}; loops= is for another file")
+    loop_path = Path(loops) if loops is not None else _loop_file_of(scene) if is_urdf else None
     record = scene.loop_file if loop_path is None else loopfile.read(loop_path)
     if record.joint_types and not is_urdf:
         reason = f"joints can be replaced only in URDF scenes; change the {reader.upper()} file"
         raise FormatError(reason, path=loops)
-    options = {"joint_types": record.joint_types} if is_urdf else {}
-    if reader == "urdf":
-        options["content"] = scene.content
-    if reader == "xacro":
-        options["args"] = args
-    if reader not in _FLOATS:
-        options["free_flyer"] = free_flyer
-    options["ignore"] = ignore
+    options = _reader_options(reader, scene, record, args, free_flyer)
+    folders = (*package_dirs, *scene.package_dirs, path.parent)
     with located(path):
-        read, folders = import_module(f".{reader}", __package__).read, (*package_dirs, *scene.package_dirs, path.parent)
-        robot = read(path, scene.name, folders, **options)
+        read = import_module(f".{reader}", __package__).read
+        robot = read(path, scene.name, folders, ignore=ignore, **options)
     with located(loop_path):
         model = record.applied(robot.model)
         model = loopfile.with_distinct_frames((*robot.loops, *record.loops, *record.forces, *record.contacts), model)
@@ -209,6 +191,39 @@ def read_scene(
     if mech.ignored:
         warn(f"{path}: without effect here: {', '.join(mech.ignored)}")
     return mech
+
+
+def _check_options(path, reader, args, free_flyer, ground) -> None:
+    """Raise InputError for options that do not apply to files of this reader."""
+    if args and reader != "xacro":
+        raise InputError(f"args= is for xacro files, and {path.name} is not one")
+    if free_flyer and reader in _FLOATS:
+        raise InputError(f"free_flyer= is not for {_FLOATS[reader]}")
+    if ground is not False and reader in _WITHOUT_SOLIDS:
+        raise InputError(
+            f"ground= is not for {path.name}: the collision shapes of such files are not read; add its contacts by "
+            "mech.with_contacts(pc.Contact(…))"
+        )
+
+
+def _loop_file_of(scene) -> Path | None:
+    """The path of the loop file next to a URDF scene; None for a built-in scene, and where there is none."""
+    found = None if scene.content else loopfile.find_loop_file(scene.path)
+    if found is not None and found.stem in loopfile.LISTS:
+        warn(f"{scene.path}: its loops are taken from {found}; loops= is for another file")
+    return found
+
+
+def _reader_options(reader, scene, record, args, free_flyer) -> dict:
+    """The options that only some readers have."""
+    options = {"joint_types": record.joint_types} if reader in ("urdf", "xacro") else {}
+    if reader == "urdf":
+        options["content"] = scene.content
+    if reader == "xacro":
+        options["args"] = args
+    if reader not in _FLOATS:
+        options["free_flyer"] = free_flyer
+    return options
 
 
 def _angles(record, model):
