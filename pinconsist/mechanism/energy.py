@@ -220,7 +220,7 @@ def _jumps(solution, forces, total, workspace):
         times, (before, after) = event_energies(solution, forces, workspace)[:2]
         added = after - before
     if solution.contacts is not None:
-        impacts = solution.contacts.impacts
+        impacts = [each for each in solution.contacts.impacts if each.t > t[0]]  # the first row is after the others
         times = np.append(times, [each.t for each in impacts])
         added = np.append(added, [-each.energy_lost for each in impacts])
     between = ~np.isin(times, t[1:][doubled])
