@@ -29,6 +29,8 @@ from .steppers import stepper_for
 LOOKS = 1000  # least number of force evaluations in the finer run: five in a pulse of a two-hundredth of the span
 SHORTER = 0.3  # longest steps of the finer run, relative to those of a run: it evaluates forces at other times
 FINER = 0.1  # of the tolerance
+FINER_OF_RADAU = 1e-4  # the same: its forced ends cost digits that long steps keep, and save none of its time
+LEAST_RTOL = 1e-12  # of Radau
 ENDS = 100  # steps of Radau between rows that are compared
 FINER_TIME = 3.0  # s of processor time that the finer run may take if it was not requested
 MOST_STEPS = 20  # of the finer run, per step of the run: order 1 takes ten; more are due to noise
@@ -43,7 +45,7 @@ THREADS = 4  # at most
 class GlobalError:
     """The difference between a run and a finer one, the largest over its rows.
 
-    The finer run has a tenth of the tolerance (Radau: a hundredth), or half of the fixed step.
+    The finer run has a tenth of the tolerance (Radau: a ten-thousandth), or half of the fixed step.
 
     Attributes
     ----------
@@ -199,12 +201,14 @@ def _method(solution, system, by_radau):
     if step is not None:
         step /= max(2, ceil(step * _steps(name) / length - 1e-9))
     else:
-        share = FINER**2 if name == "Radau" else FINER  # whose forced ends cost digits that its long steps keep
-        rtol, atol = (tuple(np.multiply(share, part) for part in parts) for parts in (rtol, atol))
+        shares = [FINER] * len(rtol)
+        if name == "Radau":
+            shares = [np.clip(LEAST_RTOL / np.maximum(part, LEAST_RTOL), FINER_OF_RADAU, FINER**2) for part in rtol]
+        rtol, atol = (tuple(map(np.multiply, shares, parts)) for parts in (rtol, atol))
         if name == "BDF":
             control = ErrorControl(rtol, atol, order, np.inf)
             name = "Radau" if control.asked[0] < control.best else name  # less rounding
-        rtol = tuple(np.maximum(part, 1e-12) for part in rtol) if name == "Radau" else rtol
+        rtol = tuple(np.maximum(part, LEAST_RTOL) for part in rtol) if name == "Radau" else rtol
     order = None if name == "Radau" and step is None else order
     most = MOST_STEPS * (solution.nsteps + LOOKS)
     longest = min(SHORTER * about.get("max_step", np.inf), length / _steps(name))
