@@ -3,11 +3,14 @@
 import json
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
+import pinconsist as pc
 from benchmarks import alarms
 from benchmarks.alarms import Judged, judged, kind, scene
 from benchmarks.app import main
+from benchmarks.chains.scenes import random_chain
 
 BASE = {"seed": 1, "pulse": 0.0, "method": "BDF", "tol": 1e-4}
 
@@ -48,3 +51,13 @@ def test_the_command_counts(capsys):
     told = json.loads(capsys.readouterr().out)
     assert ended.value.code == 0 and told["wrong"] == [] and [each["runs"] for each in told["summary"]] == [1, 1, 1, 1]
     assert set(alarms.METHODS) == {each["method"] for each in told["summary"]}
+
+
+@pytest.mark.parametrize("seed", [5118, 5122])
+def test_the_stated_error_of_a_run_far_below_its_tolerance(seed):
+    """The ends that rows force on the finer run cost it digits, which the long steps of the run keep."""
+    mech, q, v = random_chain(seed)
+    sol = pc.simulate(mech, (0.0, 1.0), q, v, rtol=1e-7, atol=1e-9, method="Radau")
+    exact = pc.paper.reference_solution(sol.system, 0.0, sol.q[0], sol.v[0], sol.t, rtol=1e-12, atol=1e-13)
+    error = max(np.abs(pin.difference(mech.model, a, b)).max() for a, b in zip(sol.q, exact.q, strict=True))
+    assert error / 10 < sol.check(error=True).error.q < 10 * error
