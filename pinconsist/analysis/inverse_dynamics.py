@@ -158,17 +158,17 @@ def _follow(system, state, t):
                 "are out of reach, or at a dead centre",
                 q=q,
             )
-        ahead = t if abs(t - now) <= abs(h) else now + h
-        move = (ahead - now) * v + (ahead - now) ** 2 / 2 * a
+        t_next = t if abs(t - now) <= abs(h) else now + h
+        move = (t_next - now) * v + (t_next - now) ** 2 / 2 * a
         predicted = system.integrate(q, move)
-        found = closed_near(system, ahead, predicted) if np.max(np.abs(move) / sizes) < 1.0 else None
+        found = closed_near(system, t_next, predicted) if np.max(np.abs(move) / sizes) < 1.0 else None
         if found is None or np.max(np.abs(system.difference(predicted, found)) / sizes) > WIDEST:
             h /= 2
             continue
         try:
-            state, h = _state(system, ahead, found), 2 * h
+            state, h = _state(system, t_next, found), 2 * h
         except SingularSystemError:  # this step happens to end at a dead centre
-            if ahead == t:
+            if t_next == t:
                 raise
             h /= 2
     return state

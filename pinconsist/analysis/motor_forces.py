@@ -216,7 +216,7 @@ def ranges(act, q) -> list[MotorRange]:
 
 def _end(act, q, k, start, stride, most):
     """(position, its reason, condition, joints that can move there) of the end of a motor's range in one direction."""
-    chosen, begun, gone = act._chosen, q, 0.0
+    chosen, begun, advanced = act._chosen, q, 0.0
     unit = np.zeros(len(chosen.columns))
     unit[k] = stride
 
@@ -226,7 +226,7 @@ def _end(act, q, k, start, stride, most):
         return max(found, key=lambda one: max(one.value - one.upper, one.lower - one.value)).joint if found else ""
 
     by = beyond(q)
-    while not by and abs(gone) < most and abs(gone) < MOST_STRIDES * abs(stride):
+    while not by and abs(advanced) < most and abs(advanced) < MOST_STRIDES * abs(stride):
         there, share = chosen.follower.follow(q, unit)
         if by := beyond(there):
             low, high = 0.0, share
@@ -235,13 +235,13 @@ def _end(act, q, k, start, stride, most):
                 inside = not (joint := beyond(chosen.follower.follow(q, middle * unit)[0]))
                 by, low, high = joint or by, middle if inside else low, high if inside else middle
             there, share = chosen.follower.follow(q, low * unit)[0], low
-        q, gone = there, gone + share * stride
+        q, advanced = there, advanced + share * stride
         if share < 1.0:
             by = by or "singular"
     sizes, motions = chosen.weakest(q)
     n = chosen.n_motors
     moves = joints_in(act.mechanism, motions[:, n - 1]) if by == "singular" else ()
-    end = start + gone if by else np.sign(stride) * inf
+    end = start + advanced if by else np.sign(stride) * inf
     return float(end), by or "nothing", float(sizes[n - 1]), moves
 
 
@@ -261,13 +261,13 @@ def table(act, positions, file=None) -> dict[str, np.ndarray]:
     points = np.array([each.ravel() for each in np.meshgrid(*axes, indexing="ij")]).T
     q, ok = _filled(act, joints, points, sizes)
     act.closure({}, q=start)
-    asked = np.tile(act.positions(start), (len(points), 1))
-    asked[:, [act.motors.index(joint) for joint in joints]] = points
+    requested = np.tile(act.positions(start), (len(points), 1))
+    requested[:, [act.motors.index(joint) for joint in joints]] = points
     jacobian = np.zeros((len(q), act.mechanism.nv, len(act.motors)))
     condition = np.array([act.condition(each) if np.isfinite(each).all() else np.nan for each in q])
     for i in np.flatnonzero(ok):
         jacobian[i] = act.jacobian(q[i])
-    found = {"positions": asked, "q": q, "ok": ok, "condition": condition, "jacobian": jacobian}
+    found = {"positions": requested, "q": q, "ok": ok, "condition": condition, "jacobian": jacobian}
     if suffix == ".npz":
         with written_whole(file) as stream:
             names = {"motors": np.array(act.motors), "joints": np.array(position_names(act.mechanism.model))}

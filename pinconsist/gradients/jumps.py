@@ -173,8 +173,8 @@ def _refuse_memory(solution, leg, grid, base) -> None:
     begin, end = grid[longest : longest + 2]
     t, step = 0.5 * (begin + end), STEP_FRACTION * (end - begin)
     q, v, _ = (part[0] for part in solution.sol(np.array([t])))
-    ahead, behind = (solution.sol(np.array([t + side * step]))[1][0] for side in (1.0, -1.0))
-    of_run = (ahead - behind) / (2.0 * step)
+    forward, backward = (solution.sol(np.array([t + side * step]))[1][0] for side in (1.0, -1.0))
+    of_run = (forward - backward) / (2.0 * step)
     a = base.index1(leg.system).acceleration(t, q, v)[0]
     if np.abs(a - of_run).max() > ACCELERATION_MATCH * max(np.abs(a).max(), np.abs(of_run).max()):
         raise InputError(

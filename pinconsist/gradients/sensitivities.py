@@ -78,14 +78,14 @@ class Sensitivities:
             A time outside the run; copied or unpickled sensitivities, which have only the rows of the run.
         """
         followed, times = self._followed(), finite_array(t, "t")
-        asked, (begin, end) = np.atleast_1d(times), (self._legs[0].span[0], self._legs[-1].span[1])
-        if (asked < min(begin, end)).any() or (asked > max(begin, end)).any():
+        requested, (begin, end) = np.atleast_1d(times), (self._legs[0].span[0], self._legs[-1].span[1])
+        if (requested < min(begin, end)).any() or (requested > max(begin, end)).any():
             raise InputError(f"the run covers t = {begin:g} to {end:g} s, requested {t}")
         sign, ends = followed.sign, np.array([leg.span[1] for leg in self._legs])
-        holders = np.minimum(np.searchsorted(sign * ends, sign * asked), len(ends) - 1)
-        rows = np.empty((len(asked), len(self.names), 2 * self.dv.shape[1] + self.dlam.shape[1]))
+        holders = np.minimum(np.searchsorted(sign * ends, sign * requested), len(ends) - 1)
+        rows = np.empty((len(requested), len(self.names), 2 * self.dv.shape[1] + self.dlam.shape[1]))
         for i in np.unique(holders):
-            rows[holders == i] = followed.finished(self._legs[i], asked[holders == i])
+            rows[holders == i] = followed.finished(self._legs[i], requested[holders == i])
         parts = _parts(rows, self.dv.shape[1])
         return parts if times.ndim else tuple(part[0] for part in parts)
 

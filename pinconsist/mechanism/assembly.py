@@ -235,10 +235,10 @@ def _warn_of_moved_joints(solver, named, guess, best) -> None:
     if not moved:
         return
     shown = moved[:MOST_SHOWN] if len(named) > MOST_SHOWN else named
-    asked = ", ".join(f"{joint} = {_text(coordinates(mechanism.model, joint, guess))}" for joint in shown)
+    requested = ", ".join(f"{joint} = {_text(coordinates(mechanism.model, joint, guess))}" for joint in shown)
     at = ", ".join(f"{joint} = {_text(coordinates(mechanism.model, joint, best))}" for joint in shown)
     loops = "loops and drives" if solver.loop_rows.moving else "loops"
-    _warn(solver, f"{mechanism.name}: the {loops} do not close with {asked}; they do at {at}")
+    _warn(solver, f"{mechanism.name}: the {loops} do not close with {requested}; they do at {at}")
 
 
 def _advise(solver, guess, best) -> None:

@@ -52,7 +52,7 @@ def rnea_derivatives(model: pin.Model, data: pin.Data, q, v, a) -> tuple[np.ndar
         for column in columns:
             unit = np.arange(model.nv) == column
             by_q[:, column] = first(lambda s, e=unit: pin.rnea(model, data, integrate(model, q, s * e), v, a), SMOOTH)
-            ahead, behind = (pin.rnea(model, data, q, v + side * faster * unit, a) for side in (1.0, -1.0))
-            by_v[:, column] = (ahead - behind) / (2.0 * faster)
+            forward, backward = (pin.rnea(model, data, q, v + side * faster * unit, a) for side in (1.0, -1.0))
+            by_v[:, column] = (forward - backward) / (2.0 * faster)
         data.M[:] = M
     return by_q, by_v

@@ -214,8 +214,8 @@ class _Parts:
                 raise PinconsistError(self._used_up(start))
         if options.get("t_eval") is not None:
             low, high = min(start, end), max(start, end)
-            asked = [t for t in options["t_eval"] if low <= t <= high and (at is None or t != start)]
-            options["t_eval"] = asked if end in asked else [*asked, end]
+            requested = [t for t in options["t_eval"] if low <= t <= high and (at is None or t != start)]
+            options["t_eval"] = requested if end in requested else [*requested, end]
         if at is None:
             first = self.recipe.q0, self.recipe.v0
             return simulate(self.mechanism, (start, end), *first, callback=self.callback, **options)
@@ -227,10 +227,10 @@ class _Parts:
 
     def add(self, run, end):
         """Keep the rows of a part; its first one is the last of the part before."""
-        asked, first, last = self.recipe.options.get("t_eval"), 0, len(run.t)
-        if asked is None:
+        requested, first, last = self.recipe.options.get("t_eval"), 0, len(run.t)
+        if requested is None:
             first = 1 if self.parts else 0
-        elif end not in asked and last and run.t[-1] == end:  # a row to continue from, which was not requested
+        elif end not in requested and last and run.t[-1] == end:  # a row to continue from, which was not requested
             last -= 1
         self.parts.append({n: getattr(run, n)[first:last] for n in ROWS} | {n: getattr(run, n) for n in STEPS})
         self.contacts.append((run.contacts, end))

@@ -131,9 +131,9 @@ class DenseOutput:
             times.ndim < 2 and np.isfinite(times).all() and (times >= self.t_min).all() and (times <= self.t_max).all()
         ):
             raise InputError(f"dense output covers t = {self.t_min:g} to {self.t_max:g} s, requested {t}")
-        asked = np.atleast_1d(times) if times.size else np.array([self.t_min])
-        holders = np.minimum(np.searchsorted(self._sign * self._ends, self._sign * asked), len(self._ends) - 1)
-        parts = [self._finished(self._curves[i], asked[holders == i]) for i in np.unique(holders)]
+        requested = np.atleast_1d(times) if times.size else np.array([self.t_min])
+        holders = np.minimum(np.searchsorted(self._sign * self._ends, self._sign * requested), len(self._ends) - 1)
+        parts = [self._finished(self._curves[i], requested[holders == i]) for i in np.unique(holders)]
         order = np.argsort(np.argsort(holders, kind="stable"), kind="stable")
         columns = tuple(np.concatenate(column)[order] for column in zip(*parts, strict=True))
         return tuple(column[: times.size] for column in columns) if times.ndim else tuple(row[0] for row in columns)

@@ -289,11 +289,11 @@ def _of_joint(run, name, values, rate="") -> Series:
     return Series(values, f"{unit}{rate}" if unit else "", parts)
 
 
-def _position(run, asked) -> Series:
-    if _is_joint(run.scene, asked.name):
-        return _of_joint(run, asked.name, run.solution.position(asked.name, run.passed))
+def _position(run, quantity) -> Series:
+    if _is_joint(run.scene, quantity.name):
+        return _of_joint(run, quantity.name, run.solution.position(quantity.name, run.passed))
     model = run.scene.model
-    frame = frame_of(model, asked.name, run.scene.name)
+    frame = frame_of(model, quantity.name, run.scene.name)
     data, values = model.createData(), np.empty((len(run.solution.t), 3))
     for row, q in zip(values, run.solution.q, strict=True):
         pin.forwardKinematics(model, data, q)
@@ -301,50 +301,52 @@ def _position(run, asked) -> Series:
     return Series(values, "m", AXES)
 
 
-def _velocity(run, asked) -> Series:
-    if _is_joint(run.scene, asked.name):
-        return _of_joint(run, asked.name, run.solution.velocity(asked.name, run.passed), "/s")
-    return Series(run.solution.frame(asked.name, run.passed).velocity, "m/s", AXES, vector=True)
+def _velocity(run, quantity) -> Series:
+    if _is_joint(run.scene, quantity.name):
+        return _of_joint(run, quantity.name, run.solution.velocity(quantity.name, run.passed), "/s")
+    return Series(run.solution.frame(quantity.name, run.passed).velocity, "m/s", AXES, vector=True)
 
 
-def _acceleration(run, asked) -> Series:
-    if _is_joint(run.scene, asked.name):
-        return _of_joint(run, asked.name, run.solution.acceleration(asked.name, run.passed), "/s²")
-    return Series(run.solution.frame(asked.name, run.passed).acceleration, "m/s²", AXES, vector=True)
+def _acceleration(run, quantity) -> Series:
+    if _is_joint(run.scene, quantity.name):
+        return _of_joint(run, quantity.name, run.solution.acceleration(quantity.name, run.passed), "/s²")
+    return Series(run.solution.frame(quantity.name, run.passed).acceleration, "m/s²", AXES, vector=True)
 
 
-def _wrench(run, asked, found, part) -> Series:
+def _wrench(run, quantity, found, part) -> Series:
     values = getattr(found, part)
     if values is not None:
         return Series(values, {"force": "N", "moment": "N·m"}[part], AXES, vector=True)
     if part == "force" and isinstance(found, Reaction) and found.torque is not None:
         rows = LoopRows.of(run.scene)
-        return Series(found.torque, rows.multiplier_units[rows.slices[asked.name].start])
-    raise InputError(f"{asked.text!r}: {asked.name!r} has no {part}; its multipliers: 'multipliers {asked.name}'")
+        return Series(found.torque, rows.multiplier_units[rows.slices[quantity.name].start])
+    raise InputError(
+        f"{quantity.text!r}: {quantity.name!r} has no {part}; its multipliers: 'multipliers {quantity.name}'"
+    )
 
 
-def _reaction(run, asked) -> Series:
-    return _wrench(run, asked, run.solution.reaction(asked.name, run.passed), "force")
+def _reaction(run, quantity) -> Series:
+    return _wrench(run, quantity, run.solution.reaction(quantity.name, run.passed), "force")
 
 
-def _moment(run, asked) -> Series:
-    return _wrench(run, asked, run.solution.reaction(asked.name, run.passed), "moment")
+def _moment(run, quantity) -> Series:
+    return _wrench(run, quantity, run.solution.reaction(quantity.name, run.passed), "moment")
 
 
-def _joint_force(run, asked) -> Series:
-    return _wrench(run, asked, run.solution.joint_force(asked.name, run.passed), "force")
+def _joint_force(run, quantity) -> Series:
+    return _wrench(run, quantity, run.solution.joint_force(quantity.name, run.passed), "force")
 
 
-def _joint_moment(run, asked) -> Series:
-    return _wrench(run, asked, run.solution.joint_force(asked.name, run.passed), "moment")
+def _joint_moment(run, quantity) -> Series:
+    return _wrench(run, quantity, run.solution.joint_force(quantity.name, run.passed), "moment")
 
 
-def _force(run, asked) -> Series:
-    if asked.name in run.scene.joints or asked.name in [loop.name for loop in run.scene.loops]:
-        return _reaction(run, asked)
-    found = run.solution.force(asked.name, run.passed)
+def _force(run, quantity) -> Series:
+    if quantity.name in run.scene.joints or quantity.name in [loop.name for loop in run.scene.loops]:
+        return _reaction(run, quantity)
+    found = run.solution.force(quantity.name, run.passed)
     if found.force is None:
-        raise InputError(f"{asked.text!r}: {found.label!r} is known by its torque: 'torque {found.label}'")
+        raise InputError(f"{quantity.text!r}: {found.label!r} is known by its torque: 'torque {found.label}'")
     if found.force.ndim > 1:
         return Series(found.force, "N", AXES, vector=True)
     return Series(found.force, element_units(run.scene, found.label)[0])
@@ -353,39 +355,39 @@ def _force(run, asked) -> Series:
 def _element(which):
     """The length or the speed of an element: number `which` of its units."""
 
-    def series(run, asked) -> Series:
-        found = run.solution.force(asked.name, run.passed)
+    def series(run, quantity) -> Series:
+        found = run.solution.force(quantity.name, run.passed)
         values = (found.force, found.length, found.speed)[which]
         if values is None:
-            raise InputError(f"{asked.text!r}: {found.label!r} has no {asked.what}")
+            raise InputError(f"{quantity.text!r}: {found.label!r} has no {quantity.what}")
         return Series(values, element_units(run.scene, found.label)[which])
 
     return series
 
 
-def _torque(run, asked) -> Series:
-    values = run.solution.torque(asked.name, run.passed)
+def _torque(run, quantity) -> Series:
+    values = run.solution.torque(quantity.name, run.passed)
     if values.ndim > 1:
-        own = _is_joint(run.scene, asked.name) and asked.name in run.scene.joints
+        own = _is_joint(run.scene, quantity.name) and quantity.name in run.scene.joints
         every = velocity_names(run.scene.model)
-        parts = [every[k] for k in range(run.scene.nv)[run.scene.columns(asked.name)]] if own else every
+        parts = [every[k] for k in range(run.scene.nv)[run.scene.columns(quantity.name)]] if own else every
         return Series(values, "", tuple(parts))
     drives = {loop.name: loop.joints[0] for loop in run.scene.loops if isinstance(loop, JointConstraint)}
-    joint = drives.get(asked.name) or asked.name.partition("[")[0]
+    joint = drives.get(quantity.name) or quantity.name.partition("[")[0]
     if joint not in run.scene.joints:
-        joint = joint_of(run.scene, run.solution._label(run.scene, asked.name))
+        joint = joint_of(run.scene, run.solution._label(run.scene, quantity.name))
     return Series(values, torque_unit(run.scene, joint))
 
 
-def _power(run, asked) -> Series:
-    return Series(run.solution.power(asked.name, run.passed), "W")
+def _power(run, quantity) -> Series:
+    return Series(run.solution.power(quantity.name, run.passed), "W")
 
 
-def _multipliers(run, asked) -> Series:
+def _multipliers(run, quantity) -> Series:
     rows = LoopRows.of(run.scene)
-    if asked.name not in rows.slices:
-        raise InputError(f"{run.scene.name}: no loop {asked.name!r}{near(asked.name, rows.slices)}")
-    part = rows.slices[asked.name]
+    if quantity.name not in rows.slices:
+        raise InputError(f"{run.scene.name}: no loop {quantity.name!r}{near(quantity.name, rows.slices)}")
+    part = rows.slices[quantity.name]
     labels = tuple(rows.labels[k][1] for k in range(part.start, part.stop))
     units = {rows.multiplier_units[k] for k in range(part.start, part.stop)}
     values = run.solution.lam[:, part]
@@ -393,29 +395,29 @@ def _multipliers(run, asked) -> Series:
     return Series(values[:, 0], unit) if len(labels) == 1 else Series(values, unit, labels)
 
 
-def _gap(run, asked) -> Series:
-    found = run.solution.contact(asked.name, run.passed)
-    return Series(found.gap, contact_units(run.scene, asked.name)[0])
+def _gap(run, quantity) -> Series:
+    found = run.solution.contact(quantity.name, run.passed)
+    return Series(found.gap, contact_units(run.scene, quantity.name)[0])
 
 
-def _contact(run, asked) -> Series:
-    found = run.solution.contact(asked.name, run.passed).force
-    unit = contact_units(run.scene, asked.name)[1]
+def _contact(run, quantity) -> Series:
+    found = run.solution.contact(quantity.name, run.passed).force
+    unit = contact_units(run.scene, quantity.name)[1]
     return Series(found, unit, AXES, vector=True) if found.ndim > 1 else Series(found, unit)
 
 
-def _slip(run, asked) -> Series:
-    found = run.solution.contact(asked.name, run.passed).slip
-    unit = contact_units(run.scene, asked.name)[0]
+def _slip(run, quantity) -> Series:
+    found = run.solution.contact(quantity.name, run.passed).slip
+    unit = contact_units(run.scene, quantity.name)[0]
     return Series(np.linalg.norm(found, axis=1), f"{unit}/s")
 
 
-def _energy(run, asked) -> Series:
-    return Series(getattr(run.solution.energy(run.passed), asked.part), "J")
+def _energy(run, quantity) -> Series:
+    return Series(getattr(run.solution.energy(run.passed), quantity.part), "J")
 
 
-def _no_series(run, asked) -> Series:
-    raise InputError(f"{asked.text!r}: the error is one number of the whole run")
+def _no_series(run, quantity) -> Series:
+    raise InputError(f"{quantity.text!r}: the error is one number of the whole run")
 
 
 SERIES: dict[str, Callable[[_Run, Quantity], Series]] = {
