@@ -77,6 +77,7 @@ def test_a_mechanism_without_another_mode_has_one():
 def test_the_command_lists_them(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, out, err = called(capsys, "assemble", "five_bar", "--all-modes", "--html", "modes.html")
+    assert '"clock":[0.0,1.0,0.0,1]' in (tmp_path / "modes.html").read_text(encoding="utf-8")  # nothing plays
     assert (code, err) == (0, "")
     assert "2 assembly modes with left_crank, right_crank held" in out and "mode 2" in out
     assert all(f"mode {i}" in (tmp_path / "modes.html").read_text() for i in (1, 2))

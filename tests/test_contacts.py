@@ -429,3 +429,27 @@ def test_impacts_happen_within_steps_as_in_a_run():
     again = sim.copy()
     again.step(0.1)
     assert again.state.v[0] == 0.0
+
+
+def test_what_sticks_on_both_sides_shares_its_weight_at_rows_and_between_them():
+    """A part that a pad presses against a wall: either side alone would slide."""
+    model = pin.Model()
+    joints = {}
+    for name, parent, joint, mass in (
+        ("across", 0, pin.JointModelPX(), 0.1),
+        ("part", "across", pin.JointModelPZ(), 1.0),
+        ("pad", 0, pin.JointModelPX(), 0.2),
+    ):
+        joints[name] = model.addJoint(joints.get(parent, 0), joint, pin.SE3.Identity(), name)
+        model.appendBodyToJoint(joints[name], pin.Inertia(mass, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
+    sides = [
+        pc.Contact("wall", "part", friction=0.8, normal=(1.0, 0.0, 0.0)),
+        pc.Contact("side", "pad", friction=0.8, normal=(1.0, 0.0, 0.0), on="part"),
+    ]
+    mech = pc.Mechanism(model, [], [{"pad": lambda t: -10.0 - 5.0 * t}], contacts=sides)
+    sol = pc.simulate(mech, (0.0, 1.0))
+    for run in (sol, sol.at(np.linspace(0.05, 0.95, 19))):
+        wall, side = run.contact("wall").force, run.contact("side").force
+        np.testing.assert_allclose(wall[:, 0], 10.0 + 5.0 * run.t, rtol=1e-9)
+        np.testing.assert_allclose(wall[:, 2], 0.5 * 9.81, rtol=1e-9)
+        np.testing.assert_allclose(np.abs(side[:, 2]), 0.5 * 9.81, rtol=1e-9)

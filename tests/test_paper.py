@@ -249,3 +249,9 @@ def test_arguments_that_the_paper_refuses(arguments, says):
     good = {"t_span": (0.0, 0.1), "p0": problem.p0, "v0": problem.v0, "step": 0.01}
     with pytest.raises(pc.InputError, match=says):
         pc.paper.solve(problem.system, **(good | arguments))
+
+
+def test_forces_that_hardly_differ_are_told_with_more_digits():
+    run = pc.paper.compare(pc.load("four_bar"), [1e-3], count=6).runs[0]
+    found, true = re.search(r"is (\S+) N instead of (\S+) N", run.verdict).groups()
+    assert found != true and float(found) == pytest.approx(float(true), rel=1e-4)

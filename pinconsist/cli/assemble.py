@@ -81,9 +81,7 @@ def _notes(mode) -> list[str]:
 
 def _page(mech, modes, html):
     """The modes side by side, at rest."""
-    shown = {
-        f"mode {i}": SimpleNamespace(t=[0.0, 1.0], q=[mode.q, mode.q]) for i, mode in enumerate(modes[:MOST_SHOWN], 1)
-    }
+    shown = {f"mode {i}": SimpleNamespace(t=[0.0], q=[mode.q]) for i, mode in enumerate(modes[:MOST_SHOWN], 1)}
     if len(modes) > MOST_SHOWN:
         output.message("warning", f"the page shows the first {MOST_SHOWN} of {len(modes)} modes")
     output.written(html, lambda: pc.export_html(mech, shown, html, panel=False))

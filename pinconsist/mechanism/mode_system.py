@@ -166,19 +166,23 @@ class ModeSystem(MechanismSystem):
         return np.concatenate((loops, own), axis=-1)
 
     def _share(self, q, of_loops, own):
-        """Distribute the forces among rows that depend on each other, so that each obeys its law.
+        """Distribute the forces among rows that depend on each other: of smallest norm or, where these break a law,
+        so that each obeys its law.
 
         Rows may depend on each other by the loops, which then carry what the others do not: only the part of the forces
         that the loops cannot carry is given.
         """
         laws = self.laws()
+        held = np.repeat([mode.kind in (CLOSED, STICK) for mode in self.modes], np.diff(self.firsts))
         states = [(q, of_loops, own)] if own.ndim == 1 else zip(q, of_loops, own, strict=True)
         for position, loops, forces in states:
-            if laws.obey(forces):
-                continue
             R, J = self.every.rows(position)[1], self.base.compiled.rows(position)[1]
             carried = np.linalg.qr(J.T)[0]
-            shares = laws.shared(R - (R @ carried) @ carried.T, forces)
+            given = R - (R @ carried) @ carried.T
+            shares = forces.copy()
+            shares[held] = np.linalg.lstsq(given[held].T, forces[held] @ given[held], rcond=1e-10)[0]
+            if not laws.obey(shares):
+                shares = laws.shared(given, forces)
             if len(J):
                 loops += np.linalg.lstsq(J.T, (forces - shares) @ R, rcond=None)[0]
             forces[:] = shares

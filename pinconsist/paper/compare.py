@@ -13,6 +13,7 @@ from .solve import solve
 
 OFF = 0.01  # of a force, above which it is wrong
 ALONG = 1.0  # degrees: the direction of a wrong force is reported if it differs by more
+DIGITS = range(3, 10)  # of forces that are told
 
 
 @dataclass(frozen=True)
@@ -70,12 +71,14 @@ class Run:
         """The first force from exact values compared with the true one: ``38.4 N instead of 19.1 N``."""
         true, found = self.true[self.order], self.from_exact[self.order]
         if len(true) == 1:
-            return f"{self._amount(found[0])} instead of {self._amount(true[0])}"
+            found, true = self._told(found[0], true[0])
+            return f"{found} instead of {true}"
         size, true_size = np.linalg.norm(found), np.linalg.norm(true)
         cosine = found @ true / (size * true_size) if size and true_size else 1.0
         angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
         turned = f", turned by {angle:.0f}°," if angle > ALONG else ""
-        return f"{self._amount(size)}{turned} instead of {self._amount(true_size)}"
+        size, true_size = self._told(size, true_size)
+        return f"{size}{turned} instead of {true_size}"
 
     @property
     def verdict(self) -> str:
@@ -93,8 +96,13 @@ class Run:
         share = 100 * error / size
         return f"{share:.0f} %" if share >= 10 else f"{share:.2g} %"
 
-    def _amount(self, value) -> str:
-        return f"{value:.3g} {self.unit}".rstrip()
+    def _told(self, found, true) -> tuple[str, str]:
+        """Two values, with so many digits that they differ, if there are any."""
+        pairs = [(self._amount(found, digits), self._amount(true, digits)) for digits in DIGITS]
+        return next((pair for pair in pairs if pair[0] != pair[1]), pairs[0])
+
+    def _amount(self, value, digits=3) -> str:
+        return f"{value:.{digits}g} {self.unit}".rstrip()
 
 
 @dataclass(frozen=True)
