@@ -90,8 +90,8 @@ def test_a_pin_breaks_away_under_a_rising_torque():
 
 
 @pytest.mark.parametrize("order", [3, 5])
-def test_a_slider_crank_with_a_pin_loses_an_order(order):
-    """Its force is not linear in λ, whose stages have order s - 1: 2s - 2 is left. Against steps of high order."""
+def test_a_slider_crank_with_a_pin_keeps_the_order(order):
+    """2s - 1 of positions, velocities and multipliers, against steps of high order."""
 
     def run(step, order):
         return pc.simulate(slider_crank(), (0.0, 0.1), v0={"crank": 20.0}, method="Radau", order=order, step=step)
@@ -103,7 +103,7 @@ def test_a_slider_crank_with_a_pin_loses_an_order(order):
         right = getattr(exact, of)
         one = np.abs(getattr(coarse, of) - right[::2]).max()
         half = np.abs(getattr(fine, of) - right).max()
-        assert np.log2(one / half) > order - 1.2, of
+        assert np.log2(one / half) > order - 0.5, of
 
 
 def test_the_friction_of_a_slider_crank_takes_its_energy():

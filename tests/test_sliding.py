@@ -47,6 +47,20 @@ def test_forces_of_what_slides_obey_their_laws(seed):
     assert (energy.total - np.minimum.accumulate(energy.total)).max() < 1e-6
 
 
+@pytest.mark.parametrize("seed", [30001, 30009, 30014, 30016, 30023, 30040])
+def test_what_slides_slowly_comes_to_rest_at_loose_tolerances(seed):
+    """Points of a body that turns slowly cannot all stick: what is slower than the tolerance stops first."""
+    mech, q, v = touching.random_slide(seed)
+    sol = pc.simulate(mech, (0.0, 0.8), q, v, rtol=1e-3, atol=1e-5)
+    assert sol.success, sol.message
+    exact = pc.simulate(mech, (0.0, 0.8), q, v)
+    assert np.abs(pin.difference(mech.model, sol.q[-1], exact.q[-1])).max() < 2e-2  # m, rad
+    assert [mode[-1] for mode in (sol.contact(each.name).mode for each in mech.contacts)] == [
+        exact.contact(each.name).mode[-1] for each in mech.contacts
+    ]
+    assert np.diff(sol.energy().total).max() < 1e-5
+
+
 def test_a_contact_whose_direction_turns_slides_on():
     """A point that slides ahead of a turning body: its velocity turns by more than a right angle, and never ends."""
     mech = touching.table([(0.4, 0.0), (-0.2, 0.35), (-0.2, -0.35)], friction=0.02)

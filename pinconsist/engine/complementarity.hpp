@@ -252,7 +252,7 @@ private:
   double size_ = 1.0;
 };
 
-// z and what is left of the laws. With `shared`, pushes that depend on each other have those forces, of many, that equal small
+// z and what is left of the laws. With `shared`, unknowns that depend on each other have those forces, of many, that equal small
 // compliances give: by a proximal point method, which takes the compliances off again.
 struct ComplementaritySolution {
   Vec z;
@@ -264,18 +264,19 @@ inline ComplementaritySolution solution(const Mat &A, const Vec &b, const std::v
     const Complementarity found(A, b, laws);
     return {found.z, found.left};
   }
-  constexpr double SHARES = 1e-6;  // compliance of pushes that share a load, relative to their own responses
+  constexpr double SHARES = 1e-6;  // compliance of what shares a load, relative to their own responses
   constexpr double SETTLED = 1e-12; // relative change of z at which they are found
   constexpr int TURNS = 6;
   Vec compliance = Vec::Zero(b.size());
   for (const Law &law : laws)
-    if (law.pushes) compliance[law.at] = SHARES * std::max(A.diagonal().cwiseAbs().maxCoeff(), 1e-300);
+    compliance.segment(law.at, law.size).setConstant(SHARES * std::max(A.diagonal().cwiseAbs().maxCoeff(), 1e-300));
   const Mat stiff = A + Mat(compliance.asDiagonal());
   ComplementaritySolution now{Vec::Zero(b.size()), 0.0};
   for (int turn = 0; turn < TURNS && b.size(); ++turn) {
     const Vec last = now.z;
     const Complementarity found(stiff, b - compliance.cwiseProduct(last), laws);
-    now = {found.z, found.left};
+    const double yields = compliance.cwiseProduct(found.z - last).cwiseAbs().maxCoeff() / std::max(b.cwiseAbs().maxCoeff(), 1e-300);
+    now = {found.z, std::max(found.left, yields)};
     if ((now.z - last).cwiseAbs().maxCoeff() <= SETTLED * now.z.cwiseAbs().maxCoeff()) break;
   }
   return now;

@@ -53,7 +53,7 @@ def solve(A, b, blocks, shared=False):
     """(z, u, residual) of a complementarity problem with matrix `A` (n, n), vector `b` (n,) and its `blocks`.
 
     The residual is relative to b; it is large where there is no solution, as with friction there may be none. With
-    `shared`, pushes that depend on each other have those forces, of many, that equal small compliances give.
+    `shared`, unknowns that depend on each other have those forces, of many, that equal small compliances give.
     """
     laws = [
         (block.at, 1, True, 0.0, 0.0, -1) if isinstance(block, Push) else (*block[:2], False, *block[2:])

@@ -3,6 +3,7 @@
 
 #include "contacts.hpp"
 #include "forces.hpp"
+#include "kkt.hpp"
 #include "lie.hpp"
 
 namespace pinconsist {
@@ -177,6 +178,7 @@ public:
   }
 
   void evaluate(double t, const Vec &p, const Vec &v, const Vec &a) override {
+    if (reacts_) take_reactions(t, p, v);
     f = library::rnea(model_, data_, p, v, a);
     if (!nobody_needs_jacobians()) {
       find_jacobians();
@@ -184,7 +186,6 @@ public:
     }
     if (slides_) turn_forces(v);
     add_the_rest(t, p, v);
-    if (reacts_) take_reactions(v);
   }
 
   void constraint(double t, const Vec &p, const Vec &v) override {
@@ -222,12 +223,12 @@ public:
   }
 
   void evaluate_parts(double t, const Vec &p, const Vec &v, const Vec &a, Mat &M, Mat &D, Mat &K) override {
+    if (reacts_) take_reactions(t, p, v);
     differentiate_forces(t, p, v, a, D, K);
     f = data_.tau;
     fill_rows(t, p);
     if (slides_) turn_forces(v);
     add_the_rest(t, p, v);
-    if (reacts_) take_reactions(v);
     if (slides_) add_turning(v, D);
     M = data_.M.selfadjointView<Eigen::Upper>();
   }
@@ -562,8 +563,18 @@ private:
   // The λ that balance f.
   Vec balancing() const { return (Gt_ * Gt_.transpose()).ldlt().solve(Gt_ * f); }
 
-  void take_reactions(const Vec &v) {
-    for (int turn = 0; turn < REACTIONS && react(balancing(), v); ++turn) {}
+  // Let G be that of the multipliers of the accelerations that follow from the state. With those of stages, which have less
+  // order, the equations would not be linear in λ, and a step would lose an order.
+  void take_reactions(double t, const Vec &p, const Vec &v) {
+    KKT kkt(nv, nc);
+    Vec bias;
+    evaluate_bias(t, p, v, false, bias);
+    mass_matrix(t, p, v, kkt.A());
+    Mat all(nv + nc, 1);
+    for (int turn = 0; turn < REACTIONS; ++turn) {
+      all << -f, -bias;
+      if (!kkt.solve_new(W, Gt_, 1.0, all) || !react(all.col(0).tail(nc), v)) return;
+    }
   }
 
   // The derivative of these directions.

@@ -129,18 +129,12 @@ public:
     return remade(step.shape, step.shape.t, t_end, step.p0, step.v0, step.shape.start);
   }
 
-  // An event between the last two evaluations of the events: its time and state, by a step that is repeated up to there.
-  // Nothing if the equations are singular there. With a `limit`, of a function whose sign has changed there already, in a
-  // step that ends there: long steps are less accurate between their ends.
+  // An event between the last two evaluations of the events: its time and state, at the end of a step that is repeated up to
+  // there, so that the function is zero to rounding. Nothing if the equations are singular there. With a `limit`, of a function
+  // whose sign has changed there already, in a step that ends there: long steps are less accurate between their ends.
   std::optional<Located> locate(Events &events, size_t i, double limit = NOT_A_NUMBER) {
-    if (events.values[i] == 0.0 && std::isnan(limit)) {
-      if (events.end == t) return Located{t, p, v, lam};
-      const auto ending = retake(*last_step(), events.end);
-      if (!sampler.sample(ending ? ending : last_step(), events.end)) return {};
-      return Located{events.end, sampler.p, sampler.v, sampler.lam};
-    }
+    if (events.values[i] == 0.0 && events.end == t && std::isnan(limit)) return Located{t, p, v, lam};
     bool regular = true;
-    double root;
     const auto g = [&](const Collocations::value_type &of, double at) {
       regular = regular && sampler.look(of, at, events.with_multipliers());
       return regular ? events.value(i, at, sampler.p, sampler.v, sampler.lam) : 0.0;
@@ -154,40 +148,74 @@ public:
       between.after = g(step, limit);
       if (between.before * between.after > 0.0) return {};
     }
-    const bool found = !events.leaves(i) || narrowed([&](double at) { return g(step, at); }, between);
-    auto &[begin, before, end, after] = between;
-    double left = 0.0;
-    if (found) {
+    const bool leaves = events.leaves(i);
+    const auto search = [&](double &root) {
+      if (leaves && !narrowed([&](double at) { return g(step, at); }, between)) return false;
+      const auto &[begin, before, end, after] = between;
       const double near = std::max(exactly(end), ROUGHLY * std::abs(end - begin));
-      std::tie(root, left) = zero([&](double at) { return g(step, at); }, begin, before, end, after, near);
-    } else {
-      root = begin;
+      root = after == 0.0 ? end : zero([&](double at) { return g(step, at); }, begin, before, end, after, near).first;
+      return true;
+    };
+    double root = between.begin;
+    const bool found = search(root);
+    const double start = step->shape.t, last = std::isnan(limit) ? t : limit;
+    // A Newton step, not far from there; NaN if there is none.
+    const auto better = [&](double there) {
+      const double beside = root - SLOPE_OVER * (root - between.begin);
+      const double moved = root - there * (root - beside) / (there - g(step, beside));
+      const bool near = std::abs(moved - root) <= std::abs(events.end - events.begin);
+      return near && (moved - start) * (moved - last) < 0.0 ? moved : NOT_A_NUMBER;
+    };
+    double least = INF;
+    for (int turn = 0; turn < RELOCATED && found && regular && std::abs(root - start) >= shortest_step(root); ++turn) {
+      const auto ending = ending_at(step, root);
+      const double there = ending ? g(ending, root) : NOT_A_NUMBER;
+      const bool late = leaves && there * between.after > 0.0;
+      if (!late && !(std::abs(there) < least)) break;
+      step = ending;
+      const double before = root;
+      if (late) { // just after a start the polynomial of a long step has not the rates of the start: shorter steps have
+        between = {events.begin, events.before[i], root, there};
+        if (!search(root)) break;
+      } else {
+        least = std::abs(there);
+        const double moved = better(there);
+        if (std::isnan(moved)) break;
+        root = moved;
+      }
+      if (std::abs(root - before) <= ROUGHLY * std::abs(before - start)) break;
     }
-    const bool at_start = std::abs(root - step->shape.t) < shortest_step(root);
-    auto again = !regular || at_start ? step : retake(*step, root);
-    if (!again) again = step;
-    auto seen = step; // in which the root was found
-    double there = g(again, root);
-    // Just after a start the polynomial of a long step has not the rates of the start: shorter steps have.
-    for (int turn = 0; turn < RELOCATED && found && regular && events.leaves(i) && !at_start && there * after > 0.0; ++turn) {
-      Bracket sooner{events.begin, events.before[i], root, there};
-      if (!narrowed([&](double at) { return g(again, at); }, sooner)) break;
-      seen = again;
-      const double last = root, near = std::max(exactly(root), ROUGHLY * std::abs(root - sooner.begin));
-      std::tie(root, left) = zero([&](double at) { return g(again, at); }, sooner.begin, sooner.before, sooner.end, sooner.after, near);
-      begin = sooner.begin;
-      there = left;
-      if (std::abs(last - root) < ROUGHLY * std::abs(last - events.begin)) break;
-      const auto shorter = retake(*step, root);
-      if (!shorter) break;
-      again = shorter;
-      there = g(again, root);
+    if (!regular || !sampler.sample(step, root)) return {};
+    for (int turn = 0; turn < RELOCATED && found; ++turn) { // the polynomial is exact so near to its end
+      const Located here{root, sampler.p, sampler.v, sampler.lam};
+      const double there = events.value(i, root, here.p, here.v, here.lam), moved = better(there);
+      const bool moves = std::abs(moved - root) > exactly(root) && regular && sampler.sample(step, moved);
+      if (!moves || !(std::abs(events.value(i, moved, sampler.p, sampler.v, sampler.lam)) < std::abs(there))) {
+        endings_.push_back({root, step});
+        return here;
+      }
+      root = moved;
     }
-    const double near_by = root - SLOPE_OVER * (root - begin); // a Newton step
-    const double moved = root - there * (root - near_by) / (left - g(seen, near_by));
-    if ((moved - begin) * (moved - end) < 0.0) root = moved;
-    if (!regular || !sampler.sample(again, root)) return {};
+    endings_.push_back({root, step});
     return Located{root, sampler.p, sampler.v, sampler.lam};
+  }
+
+  // Let the last step end at an event that was located.
+  void end_at(double at) {
+    for (const auto &[time, step] : endings_) {
+      if (time != at) continue;
+      last_ = step;
+      accurate_.reset();
+    }
+  }
+
+  // Repeat a step up to an event; null if it fails, or its stages have converged to another motion, as they may where friction
+  // changes its direction.
+  Collocations::value_type ending_at(const Collocations::value_type &step, double root) {
+    const auto ending = retake(*step, root);
+    if (!ending || !sampler.look(step, root, false)) return nullptr;
+    const double apart = weighted_norm(Vec(ending->v1 - sampler.v), Vec(weight_.tail(system_.nv)), system_.nv);
+    return apart <= ASTRAY ? ending : nullptr;
   }
 
   // Results of the last step.
@@ -276,6 +304,7 @@ public:
     keep_shape(a1_);
     last_.reset();
     accurate_.reset();
+    endings_.clear();
     system_.step_ended(v1_);
     stage_a_ = newton.stages.W.rightCols(1);
     newton.accepted();
@@ -382,7 +411,6 @@ private:
     p1_ = newton.stages.P.col(last);
     v1_ = newton.stages.V.col(last);
     ++newton.nlu;
-    if (system_.reacts() && !index1_.acceleration(t1, p1_, v1_, a1_, lam1_)) return Failure::singular; // λ of stages has less order
     estimate(modes);
     rhs_.setZero(nv + nc, 2);
     all_rhs_.setZero(nv + nc, 2 + modes);
@@ -624,6 +652,7 @@ private:
     to.W = of.W;
   }
 
+  static constexpr double ASTRAY = 1e3;    // tolerances by which the velocity of a step up to an event may differ from the one located
   static constexpr size_t REMEMBERED = 16; // more than the steps of a sample of a controller
   std::vector<Taken> remembered_steps_;    // a ring
   size_t remembered_ = 0;                  // since the last start, or jump of forces
@@ -638,6 +667,7 @@ private:
   bool shaped_ = false;
   Shape shape_;
   Collocations::value_type last_, accurate_;
+  std::vector<std::pair<double, Collocations::value_type>> endings_; // of the last step, at events
   Mat modes_, coefficients_, rhs_, all_rhs_, between_, between_v_;
   Vec missed_, tau_, v_between_;
   Vec weight_, p1_, v1_, a1_, lam1_, moved_, shift_;

@@ -100,7 +100,7 @@ template <class G> std::pair<double, double> zero(const G &g, double a, double f
 }
 
 // Method has `advance`, `prepare_next`, `shorten`, `order`, `velocity`, `multipliers`, `keep`, `looks`, `look`, `control`,
-// `inside`, `locate`, `start`, `resume`, `jump`.
+// `inside`, `locate`, `end_at`, `start`, `resume`, `jump`.
 template <class Method, class Curve> class Run {
 public:
   // The state of the run: time reached, next step and the one before, position.
@@ -281,6 +281,7 @@ private:
     ++window_steps_;
     window_failed_ += self().control.rejected_by_newton - failed;
     if (asked.events && !search_step(*asked.events)) return false;
+    if (hit) self().end_at(hit->at.t);
     if (asked.with_curve) keep(before, hit ? hit->at.t : t);
     if (!add_rows(hit ? hit->at.t : t)) return false;
     leave(hit ? hit->at : Located{t, p, self().velocity(), self().multipliers()}, self().order(), asked);

@@ -100,6 +100,8 @@ public:
     return inside(zero(g, begin, before, end, after, exactly(end)).first);
   }
 
+  void end_at(double) {} // a step of other length has another history
+
   Vec multipliers() const { return y.tail(system_.nc); }
 
   Vec velocity() const { return y.segment(system_.nx, system_.nv); }

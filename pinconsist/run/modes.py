@@ -159,12 +159,43 @@ class Modes:
         if v is not state.v:
             state = self._rows(t, p, v)
             before = [mode if self._at_rest(state, i) else Mode() for i, mode in enumerate(before)]
+        stopped = self._stopped(state, closed, before)
+        if stopped is not None:
+            v, state = stopped, self._rows(t, p, stopped)
         modes, v = self._decided(state, closed, fired, before)
         held = [mode.kind == STICK and before[i].kind != STICK for i, mode in enumerate(modes)]
         if any(held) and any(mode.kind == SLIP for mode in modes):
             modes, v = self._with_the_held(state, v, modes, closed, fired)
         self._enter(t, p, state, modes)
         return p, v
+
+    def _stopped(self, state, closed, before):
+        """The velocity without sliding so slow that it has no direction, of what friction then holds; None if nothing is.
+
+        As points of a body that turns cannot all rest, this comes before the accelerations decide.
+        """
+        held = [row for i, mode in enumerate(before) if mode.kind == STICK for row in self._tangents(i)]
+        normals = [self.firsts[i] for i in closed]
+        slow = [
+            i
+            for i in sorted(closed)
+            if self.elements[i].tangents == 2 and self.elements[i].static and before[i].kind != STICK
+            and 0.0 < np.linalg.norm(state.rates[self._tangents(i)]) <= self.still
+        ]  # fmt: skip
+        while slow:
+            moved = state.pushed(state.v, [*normals, *held, *(row for i in slow for row in self._tangents(i))])
+            if moved is None:
+                return None
+            modes = self._by_accelerations(self._rows(state.t, state.p, moved), closed, set(), [Mode()] * len(before))
+            kept = [i for i in slow if modes is not None and modes[i].kind == STICK]
+            if len(kept) == len(slow):
+                return moved
+            slow = kept
+        return None
+
+    def _tangents(self, i):
+        """The rows of the tangents of an element."""
+        return list(range(self.firsts[i] + self.elements[i].pushes, self.firsts[i + 1]))
 
     def _with_the_held(self, state, v, modes, closed, fired):
         """The modes again, without the velocities of what now sticks: the rest may have come to rest with it."""
@@ -185,10 +216,10 @@ class Modes:
         if not kept or system.redundant or _weak(system, state.J):
             system = ModeSystem(self.base, self.elements, self.every, modes, state.J, self.still)
             self._known[key] = system
-        noise, bound = NOISE * (1.0 + largest(p)), APPROACH * (1.0 + largest(state.v))
+        noise = NOISE * (1.0 + largest(p))
         for i in range(len(self.elements)):  # what leaves softly must not hit by rounding
             near = modes[i].kind == OPEN and state.gap[i] <= TOUCHING
-            soft = state.rates[self.firsts[i]] <= bound
+            soft = near and state.rates[self.firsts[i]] <= self._resting_speed(i, state)
             self._levels[i] = min(state.gap[i], 0.0) - noise * soft if near else 0.0
         self.periods.append(Period(t, system))
 
@@ -305,8 +336,8 @@ class Modes:
         after = self._rows(state.t, state.p, moved)
         bound = APPROACH * (1.0 + largest(moved))
         still_closed = {i for i in closed if abs(after.rates[self.firsts[i]]) <= bound}
-        modes, _ = self._decided(after, still_closed, set(), [Mode()] * len(self.elements))
-        return moved, [i for i in slow if i in still_closed and modes[i].kind != OPEN]
+        modes = self._by_accelerations(after, still_closed, set(), [Mode()] * len(self.elements))
+        return moved, [i for i in slow if modes is not None and i in still_closed and modes[i].kind != OPEN]
 
     def _impact(self, state, closed):
         """The velocity after an impact of these elements by Newton's law; it is recorded."""
@@ -326,13 +357,14 @@ class Modes:
         A, u, factors = R @ response, state.rates[rows], np.array(e)
         self._require_response(state, closed, at, A, u)
         kinetic = state.kinetic(state.v)
-        dependent = state.depend(closed)
+        dependent = state.depend(rows)
         for _ in range(60):
             b = u + factors * np.minimum(u, 0.0) * np.isin(np.arange(len(u)), list(at.values()))
             impulses, _, left = solve(A, b, blocks, dependent)
             v = state.v + response @ impulses
             lost = kinetic - state.kinetic(v)
-            if lost >= -GAIN * max(kinetic, state.kinetic(state.v - v)) or not factors.any():
+            gained = lost < -GAIN * max(kinetic, state.kinetic(state.v - v))
+            if not factors.any() or not (gained or left > UNSOLVED):
                 break
             factors = 0.5 * factors if factors.max() > 1e-6 else 0.0 * factors
         if left > UNSOLVED:
@@ -365,20 +397,25 @@ class Modes:
 
     def _decided(self, state, closed, fired, before):
         """The modes by the accelerations, and the velocity, which a jam changes."""
+        modes = self._by_accelerations(state, closed, fired, before)
+        return self._jammed(state, closed) if modes is None else (modes, state.v)
+
+    def _by_accelerations(self, state, closed, fired, before):
+        """The modes that the accelerations call for; None if there is no solution."""
         problem = _Accelerations(self, state, closed, fired, before)
         kinetic = {i for i, what in fired if what == "cone"}
         for _ in range(len(self.elements) + 1):
             z, u, left = problem.solve(kinetic)
             if left > UNSOLVED:
-                return self._jammed(problem, state, closed, before)
+                return None
             modes = problem.modes(z, u)
             slips = {i for i, mode in enumerate(modes) if mode.kind == SLIP and i in problem.sticking}
             if slips <= kinetic or not any(self.elements[i].kinetic < self.elements[i].static for i in slips - kinetic):
                 break
             kinetic |= slips
-        return modes, state.v
+        return modes
 
-    def _jammed(self, problem, state, closed, before):
+    def _jammed(self, state, closed):
         """The modes where no accelerations fit the laws: an impulse stops the sliding at once (Painlevé)."""
         names = ", ".join(repr(self.elements[i].name) for i in sorted(closed))
         rows, at = [], {}
@@ -399,12 +436,10 @@ class Modes:
         self._record(
             state, sorted(closed), at, impulses, state.rates[rows], state.kinetic(state.v) - state.kinetic(v), True
         )
-        after = self._rows(state.t, state.p, v)
-        again = _Accelerations(self, after, closed, set(), [Mode()] * len(self.elements))
-        z, u, left = again.solve(set())
-        if left > UNSOLVED:
+        modes = self._by_accelerations(self._rows(state.t, state.p, v), closed, set(), [Mode()] * len(self.elements))
+        if modes is None:
             raise PinconsistError(f"the contacts {names} have no solution at t = {state.t:.6g}, nor after a jam")
-        return again.modes(z, u), v
+        return modes, v
 
     def agree(self, t, p, v) -> bool:
         """Whether accelerations at a state call for the present modes: where dependent rows do not obey their laws."""
@@ -493,9 +528,9 @@ class _Instant:
         """The response of a row without the loops."""
         return float(self.R[row] @ np.linalg.lstsq(self.M, self.R[row], rcond=1e-13)[0])
 
-    def depend(self, closed) -> bool:
-        """Whether the gaps of these elements depend on each other."""
-        return len(closed) > 1 and bool(dependent_gaps(self.J_loops, self.R[self._modes.firsts[list(closed)]]))
+    def depend(self, rows) -> bool:
+        """Whether these rows depend on each other."""
+        return len(rows) > 1 and bool(dependent_gaps(self.J_loops, self.R[rows]))
 
     def pushed(self, v, rows):
         """The velocity nearest to `v` in the metric of M at which these rows have no rate; None if there is none."""
@@ -525,10 +560,9 @@ class _Accelerations:
     def __init__(self, modes: Modes, state: _Instant, closed, fired, before):
         self._modes, self._state, self._fired, self._before = modes, state, fired, before
         ended = {i for i, what in fired if what == "speed"}
-        flat, deep = SLIDES * (1.0 + largest(state.v)), modes.still
+        flat = SLIDES * (1.0 + largest(state.v))
         self.sliding: dict[int, np.ndarray] = {}
         self.sticking, self._closed = set(), sorted(closed)
-        self._dependent = state.depend(self._closed)
         for i, element in enumerate(modes.elements):
             if not element.tangents or not element.static or (element.pushes and i not in closed):
                 continue
@@ -536,7 +570,7 @@ class _Accelerations:
             slip = state.rates[first : modes.firsts[i + 1]]
             speed = float(np.linalg.norm(slip))
             # where the direction has turned by a right angle, sliding has not ended
-            slides = speed > deep if element.tangents == 2 else speed > flat and i not in ended
+            slides = speed > SLOWEST if element.tangents == 2 else speed > flat and i not in ended
             if before[i].kind != STICK and slides:
                 self.sliding[i] = slip / speed
             else:
@@ -618,7 +652,7 @@ class _Accelerations:
         b = state.R[rows] @ free + state.bias[rows]
         A = state.R[rows] @ np.column_stack(columns)
         self._scale = largest(b)
-        return solve(A, b, blocks, self._dependent)
+        return solve(A, b, blocks, state.depend(rows))
 
     def modes(self, z, u):
         """The modes of a solution."""
