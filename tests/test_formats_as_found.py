@@ -361,3 +361,25 @@ def test_what_follows_the_end_of_a_document_is_skipped(tmp_path):
     path = urdf(tmp_path, CHAIN)
     path.write_bytes(path.read_bytes() + b"\r\n\0")
     assert pc.load(path).nv == 2
+
+
+@pytest.mark.parametrize("compiler", ["", 'meshdir="d"', 'meshdir="x"/><compiler assetdir="d"'])
+@pytest.mark.parametrize("there", [("", "d", "parts"), ("parts",)])
+def test_meshes_of_a_file_that_is_included_are_beside_it_if_not_beside_the_scene(tmp_path, compiler, there):
+    """Where MuJoCo finds them, which is asked."""
+    mujoco = pytest.importorskip("mujoco")
+    for size, folder in enumerate(there, start=2):
+        (tmp_path / folder / "meshes").mkdir(parents=True)
+        corners = f"v 0 0 0\nv {size} 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+        (tmp_path / folder / "meshes" / "t.obj").write_text(corners)
+    mjcf(tmp_path / "parts", '<asset><mesh name="t" file="meshes/t.obj"/></asset>', "parts.xml")
+    world = '<worldbody><body name="b"><joint name="h"/><geom type="mesh" mesh="t" density="6"/></body></worldbody>'
+    path = mjcf(tmp_path, f'<compiler {compiler}/><include file="parts/parts.xml"/>{world}')
+    mass = pc.load(path).model.inertias[1].mass
+    np.testing.assert_allclose(mass, mujoco.MjModel.from_xml_path(str(path)).body_mass[1], rtol=1e-12)
+
+
+def test_attributes_need_no_space_between_them(tmp_path):
+    path = urdf(tmp_path, CHAIN)
+    path.write_text(path.read_text().replace('" type=', '"type='))
+    assert pc.load(path).nv == 2

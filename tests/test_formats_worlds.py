@@ -299,6 +299,57 @@ def usd(tmp_path):
 Y = 'uniform token physics:axis = "Y"\n'
 
 
+def in_both(usd, inside, apis, kind="RevoluteJoint", scene=""):
+    """The mechanism of two hinges, the second of which has the attributes."""
+    text = prim("a") + prim("b", (1, 0, 0)) + scene + usd_joint("first", "RevoluteJoint", "", "a", Y)
+    place = Y + "point3f physics:localPos0 = (1, 0, 0)\n"
+    return pc.load(usd(text + usd_joint("second", kind, "a", "b", place + inside, apis)))
+
+
+@needs_usd
+@pytest.mark.parametrize("angle", ["degree", "radian"])
+def test_what_acts_in_joints_of_mujocos_usd(usd, angle):
+    """The spring is unloaded at springref - ref, as in MuJoCo; angles are in the unit of the scene."""
+    scene = f'def PhysicsScene "s" {{\nuniform token mjc:compiler:angle = "{angle}"\n}}\n'
+    values = {"stiffness": 3, "springref": 0.5, "ref": 0.2, "armature": 0.1, "damping": 0.7, "frictionloss": 0.05}
+    inside = "".join(f"uniform double mjc:{key} = {value}\n" for key, value in values.items())
+    mech = in_both(usd, inside, '"MjcJointAPI"', scene=scene)
+    (spring,) = mech.forces
+    assert (spring.joint, spring.stiffness) == ("second", 3.0)
+    np.testing.assert_allclose(spring.rest, 0.3 * (np.pi / 180 if angle == "degree" else 1.0), rtol=1e-12)
+    found = [each[1] for each in (mech.model.armature, mech.model.damping, mech.model.upperDryFrictionLimit)]
+    np.testing.assert_allclose(found, [0.1, 0.7, 0.05])
+
+
+@needs_usd
+@pytest.mark.parametrize("kind", ["RevoluteJoint", "SphericalJoint", "Joint"])
+def test_what_acts_in_joints_of_newtons_usd(usd, kind):
+    """Per degree where it damps a turn, and on all velocities of a joint."""
+    values = {"armature": 0.1, "damping": 0.7, "friction": 0.05}
+    inside = "".join(f"uniform float newton:{key} = {value}\n" for key, value in values.items())
+    mech = in_both(usd, inside, '"NewtonJointAPI"', kind)
+    free = {"RevoluteJoint": 1, "SphericalJoint": 3, "Joint": 6}[kind]
+    assert mech.nv == 1 + free
+    slides = 3 if kind == "Joint" else 0
+    per_rad = [0.7] * slides + [0.7 * 180 / np.pi] * (free - slides)
+    np.testing.assert_allclose(mech.model.damping[1:], per_rad, rtol=1e-12)
+    np.testing.assert_allclose(mech.model.armature[1:], 0.1)
+    np.testing.assert_allclose(mech.model.upperDryFrictionLimit[1:], 0.05)
+
+
+@needs_usd
+def test_the_offset_of_newtons_mimic_is_in_degrees(usd):
+    values = "float newton:mimicCoef0 = 30\nfloat newton:mimicCoef1 = -2\nrel newton:mimicJoint = </first>\n"
+    (coupling,) = in_both(usd, values, '"NewtonMimicAPI"').loops
+    assert (coupling.joint, coupling.other, coupling.ratio) == ("second", "first", -2.0)
+    np.testing.assert_allclose(coupling.offset, np.pi / 6, rtol=1e-12)
+    powers = values + "double mjc:coef2 = 0.5\n"
+    (coupling,) = in_both(usd, powers, '"MjcEqualityJointAPI", "NewtonMimicAPI"').loops
+    assert coupling.higher == (0.5, 0.0, 0.0)
+    off = in_both(usd, values + "bool newton:mimicEnabled = false", '"NewtonMimicAPI"')
+    assert not off.loops and "1 disabled mimic" in off.ignored
+
+
 @needs_usd
 def test_the_bodies_and_joints_of_a_stage(usd):
     """In centimetres and grams, with an angle in degrees; the second joint is at 30° in the file."""

@@ -197,15 +197,17 @@ def parsed(content: bytes) -> Element:
 def _without_comments(content: bytes) -> bytes:
     """The document from its first ``<`` to its last ``>``, without comments and ``<!`` without a name; same lines.
 
-    Elsewhere comments may have ``--`` inside, and TinyXML skips the others, and what follows the end.
+    Elsewhere comments may have ``--`` inside; TinyXML skips the others, and what follows the end, and needs no space
+    between two attributes.
     """
 
     def lines(match):
         return b"\n" * match[0].count(b"\n")
 
     start = max(content.find(b"<"), 0)
-    inner = content[start : content.rfind(b">") + 1]
-    return b"\n" * content[:start].count(b"\n") + re.sub(rb"(?s)<!--.*?-->|<![^\[A-Za-z][^>]*>", lines, inner)
+    inner = re.sub(rb"(?s)<!--.*?-->|<![^\[A-Za-z][^>]*>", lines, content[start : content.rfind(b">") + 1])
+    inner = re.sub(rb"(=\s*(?:\"[^\"<>]*\"|'[^'<>]*'))(?=[A-Za-z_])", rb"\1 ", inner)
+    return b"\n" * content[:start].count(b"\n") + inner
 
 
 def _with_prefixes_bound(content: bytes) -> bytes:

@@ -7,10 +7,11 @@ of a joint on both bodies coincide; assembly starts at the poses of the file. A 
 directions that its limits do not lock (low > high); its slides are along the axes of the first body, its turns follow.
 Numbers of single precision are the shortest decimal numbers that they stand for: 0.1, not 0.10000000149.
 
-Drives with a stiffness or damping become position actuators, their targets commands; ``physxJoint:armature`` and
-``jointFriction``, PhysxMimicJointAPI and gear joints act, as do ``physxRigidBody:disableGravity`` and
-``kinematicEnabled``. Masses that are not given are those of the collision shapes with their density (1000 kg/m³ if none
-is given). Limits, materials and collisions are counted.
+Drives with a stiffness or damping become position actuators, their targets commands; rotor inertias, friction and
+damping of joints act as Newton, PhysX and MuJoCo have them, MuJoCo's springs of joints, mimics of Newton and PhysX,
+MuJoCo's equalities and gear joints, ``physxRigidBody:disableGravity`` and ``kinematicEnabled``. Masses that are not
+given are those of the collision shapes with their density (1000 kg/m³ if none is given). Limits, materials and
+collisions are counted.
 
 Layers are composed by usd-core, from files in the folder of the scene and in ``package_dirs`` only. Source: UsdPhysics'
 "Rigid Body Physics in USD".
@@ -29,7 +30,7 @@ import pinocchio as pin
 
 from ..errors import FormatError, MissingExtraError, warn
 from ..mechanism.file_laws import COLLISIONS, STATIC, WATCHED
-from ..mechanism.forces import Actuator, Wrench
+from ..mechanism.forces import Actuator, JointSpring, Wrench
 from ..mechanism.joint_constraints import Coupling
 from ..mechanism.loops import Loop, unit
 from . import solids
@@ -49,6 +50,11 @@ _DIRECTIONS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
 _TURNS = {"XY": "YX", "XZ": "ZX", "YZ": "YZ"}
 """Two free turns → the order in which the joints follow: about that of the first body, then about the second's own."""
 _GEARS = "PhysxPhysicsGearJoint"
+_IN_JOINTS = (
+    ("newton:armature", "physxJoint:armature", "mjc:armature"),
+    ("newton:friction", "physxJoint:jointFriction", "mjc:frictionloss"),
+)
+"""Attributes of the rotor inertia and of the dry friction of a joint; the first one that is not zero counts."""
 _SOLIDS = {
     "box": solids.box,
     "sphere": lambda radius: solids.ellipsoid(radius, radius, radius),
@@ -64,6 +70,7 @@ _PLAIN = ("Physics", "Geom", "Material", "Semantics", "Visibility", "Isaac", "Sh
 _KNOWN = ("PhysxRigidBodyAPI", "PhysxJointAPI", "PhysxMimicJointAPI", "PhysxArticulationAPI", "PhysxCollisionAPI")
 _KNOWN += ("PhysxContactReportAPI", "PhysxConvexHullCollisionAPI", "PhysxLimitAPI", "PhysxTriangleMeshCollisionAPI")
 _KNOWN += ("MjcEqualityJointAPI", "MjcJointAPI", "MjcEqualityConnectAPI", "MjcEqualityWeldAPI", "NewtonMimicAPI")
+_KNOWN += ("NewtonJointAPI",)
 """Schemas that act, or that say nothing about the motion."""
 EXACT = "pinconsist:"  # before the name of an attribute whose value is repeated in double precision
 _STARTING = 1e-9  # rad or m: below it, a joint is at zero in the file
@@ -92,7 +99,7 @@ def _read(path, name, folders, ignore) -> RobotFile:
     warn_of_inertias(path, moving_inertias("body", inertias, model))
     loops = [*graph.loops(), *stage.distances]
     actuators, couplings = tuple(stage.actuators(model)), tuple(stage.couplings(model))
-    forces = (*stage.weights(model), *actuators)
+    forces = (*stage.springs(model), *stage.weights(model), *actuators)
     actuated = tuple(dict.fromkeys(each.joint for each in actuators))
     stage.count_unknown()
     ignored = stage.counted.lines()
@@ -449,8 +456,6 @@ class _Stage:
         return (body, self._of(body).actInv(there)) if body else (WORLD, there)
 
     def _axes(self, prim, kind) -> tuple[Axis, ...]:
-        armature = self._number(prim, "physxJoint:armature") or self._number(prim, "mjc:armature")
-        friction = self._number(prim, "physxJoint:jointFriction") or self._number(prim, "mjc:frictionloss")
         if kind in ("PhysicsRevoluteJoint", "PhysicsPrismaticJoint"):
             word = str(self._token(prim, "physics:axis") or "X")
             turns = kind == "PhysicsRevoluteJoint"
@@ -459,16 +464,40 @@ class _Stage:
             upper = self._number(prim, "physics:upperLimit", math.inf) * factor
             if lower > upper:
                 lower, upper = -math.inf, math.inf
-            units = self._kilograms * self._unit**2 if turns else self._kilograms
-            values = {"armature": armature * units, "friction": max(friction, 0.0) * self._torque(turns)}
-            values["damping"] = max(self._number(prim, "mjc:damping"), 0.0)
             motion = "revolute" if turns else "prismatic"
-            return (Axis(np.array(_AXES[word]), lower=lower, upper=upper, kind=motion, **values),)
+            return (Axis(np.array(_AXES[word]), lower=lower, upper=upper, kind=motion, **self._acting(prim, turns)),)
         if kind == "PhysicsSphericalJoint":
             if any((self._number(prim, f"physics:coneAngle{i}Limit", -1.0)) >= 0.0 for i in (0, 1)):
                 self.counted.add("cone of a ball joint (not enforced)")
-            return (Axis(np.zeros(3), kind="ball"),)
+            return (Axis(np.zeros(3), kind="ball", **self._acting(prim, True)),)
         return self._generic(prim) if kind == "PhysicsJoint" else ()
+
+    def _acting(self, prim, turns) -> dict[str, float]:
+        """What acts in a joint, as Newton, PhysX and MuJoCo have it: parameters of an Axis."""
+        units = self._kilograms * (self._unit**2 if turns else 1.0)
+        armature, friction = (next(filter(None, (self._number(prim, key) for key in keys)), 0.0) for keys in _IN_JOINTS)
+        damping = self._number(prim, "newton:damping") * (180.0 / math.pi if turns else 1.0)
+        zero = self._number(prim, "mjc:springref") - self._number(prim, "mjc:ref")
+        return {
+            "armature": armature * units,
+            "friction": max(friction, 0.0) * self._torque(turns),
+            "damping": max(damping or self._number(prim, "mjc:damping"), 0.0) * units,
+            "stiffness": max(self._number(prim, "mjc:stiffness"), 0.0) * units,
+            "reference": zero * (self._mujoco_angle() if turns else self._unit),
+        }
+
+    def _mujoco_angle(self) -> float:
+        """The unit of angles in MuJoCo's attributes, rad."""
+        words = (self._token(prim, "mjc:compiler:angle") for prim in self._prims if prim.IsA(self.UsdPhysics.Scene))
+        return 1.0 if next(filter(None, words), "degree") == "radian" else math.pi / 180.0
+
+    def springs(self, model) -> Iterator[JointSpring]:
+        """The springs of MuJoCo in joints that the tree has."""
+        for joint in self._read.values():
+            for part, axis in zip(joint.parts, joint.axes, strict=False):
+                if axis.stiffness and model.existJointName(part):
+                    at_rest = (0.0, 0.0, 0.0, 1.0) if axis.kind == "ball" else axis.reference
+                    yield JointSpring(part, axis.stiffness, at_rest)
 
     def _torque(self, turns):
         return self._kilograms * (self._unit**2 if turns else self._unit)
@@ -494,9 +523,10 @@ class _Stage:
                 continue
             low, high = free[direction]
             kind, axis = "prismatic" if slides else "revolute", np.array(_AXES[direction[-1]])
-            axes.append(Axis(axis, lower=low, upper=high, kind=kind, label=direction))
+            acting = self._acting(prim, not slides)
+            axes.append(Axis(axis, lower=low, upper=high, kind=kind, label=direction, **acting))
         if len(turns) == 3:
-            axes.append(Axis(np.zeros(3), kind="ball", label="rot"))
+            axes.append(Axis(np.zeros(3), kind="ball", label="rot", **self._acting(prim, True)))
         return tuple(axes)
 
     def _distance(self, prim, name, ends):
@@ -560,16 +590,8 @@ class _Stage:
                     gearing, offset = (self._number(prim, f"{base}:{key}") for key in ("gearing", "offset"))
                     offset *= math.pi / 180.0 if direction.startswith("rot") else self._unit
                     yield self._coupled(f"{name} mimic", name, other, -gearing, -offset, model)
-            if name and prim.GetRelationship("newton:mimicJoint"):
-                other = self._names.get(str(prim.GetRelationship("newton:mimicJoint").GetTargets()[0]))
-                offset, ratio = self._number(prim, "newton:mimicCoef0"), self._number(prim, "newton:mimicCoef1", 1.0)
-                yield self._coupled(f"{name} mimic", name, other, ratio, offset, model)
-            target = prim.GetRelationship("mjc:target") if name else None
-            if target and target.GetTargets() and "MjcEqualityJointAPI" in self._schemas(prim):
-                other = self._names.get(str(target.GetTargets()[0]))
-                powers = [self._number(prim, f"mjc:coef{i}", float(i == 1)) for i in range(5)]
-                made = self._coupled(f"{name} equality", name, other, powers[1], powers[0], model)
-                yield replace(made, higher=tuple(powers[2:]) if any(powers[2:]) else ())
+            if name and (made := self._mimic(prim, name, model)):
+                yield made
             if prim.GetTypeName() == _GEARS:
                 hinges = [prim.GetRelationship(f"physics:hinge{i}") for i in (0, 1)]
                 names = [
@@ -578,6 +600,27 @@ class _Stage:
                 ]
                 ratio = self._number(prim, "physics:gearRatio", 1.0)
                 yield self._coupled(_plain(prim.GetName()), names[1], names[0], -ratio, 0.0, model)
+
+    def _mimic(self, prim, name, model) -> Coupling | None:
+        """The coupling of NewtonMimicAPI, or of MuJoCo's equality of joints, which extends it by higher powers."""
+        equality = "MjcEqualityJointAPI" in self._schemas(prim)
+        own, old = (prim.GetRelationship(key) for key in ("newton:mimicJoint", "mjc:target"))
+        targets, old_targets = (each.GetTargets() if each else [] for each in (own, old))
+        if not (targets or (equality and old_targets)):
+            return None
+        if self._token(prim, "newton:mimicEnabled") is False:
+            self.counted.add("disabled mimic")
+            return None
+        if targets:  # its offset is in degrees, that of the older attribute in rad
+            unit_of_offset = math.pi / 180.0 if self._read[name].kind == "revolute" else self._unit
+            offset = self._number(prim, "newton:mimicCoef0") * unit_of_offset
+            ratio = self._number(prim, "newton:mimicCoef1", 1.0)
+        else:
+            offset, ratio = self._number(prim, "mjc:coef0"), self._number(prim, "mjc:coef1", 1.0)
+        other = self._names.get(str((targets or old_targets)[0]))
+        made = self._coupled(f"{name} {'equality' if equality else 'mimic'}", name, other, ratio, offset, model)
+        higher = tuple(self._number(prim, f"mjc:coef{i}") for i in (2, 3, 4)) if equality else ()
+        return replace(made, higher=higher if any(higher) else ())
 
     def _coupled(self, title, joint, other, ratio, offset, model):
         for each in (joint, other):

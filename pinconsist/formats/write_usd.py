@@ -14,6 +14,7 @@ import pinocchio as pin
 from ..mechanism.forces import Actuator
 from ..mechanism.forces.force import label_of
 from ..mechanism.loops import LOOP_KINDS
+from ..mechanism.names import is_revolute
 from .saying import Motion1, Said, Unsaid, in_world, least_inertia, require_same_motion, said
 from .usd import EXACT, package
 
@@ -228,7 +229,9 @@ class _Writer:
             raise Unsaid(f"USD has no mimic joint like the coupling {coupling.name!r}: one joint, linear in another")
         prim = self.stage.GetPrimAtPath(paths[0])
         prim.CreateRelationship("newton:mimicJoint").SetTargets([paths[1]])
-        for key, value in (("mimicCoef0", coupling.offset), ("mimicCoef1", coupling.ratio)):
+        turns = is_revolute(self.model.joints[self.model.getJointId(coupling.joint)])
+        offset = coupling.offset * (_DEGREES if turns else 1.0)
+        for key, value in (("mimicCoef0", offset), ("mimicCoef1", coupling.ratio)):
             prim.CreateAttribute(f"newton:{key}", self.Sdf.ValueTypeNames.Double, True).Set(float(value))
 
     def _force(self, force):

@@ -170,7 +170,7 @@ class Modes:
         return p, v
 
     def _stopped(self, state, closed, before):
-        """The velocity without sliding so slow that it has no direction, of what friction then holds; None if nothing is.
+        """The velocity without sliding that is too slow to have a direction, where friction holds it; None if nowhere.
 
         As points of a body that turns cannot all rest, this comes before the accelerations decide.
         """

@@ -185,6 +185,7 @@ class Source:
         self._folders = [Path(os.path.abspath(each)) for each in folders]
         self._texts: dict[str, list[Element]] = {}  # all elements of a text
         self._files: dict[Element, Path] = {}  # outermost elements → their file
+        self._homes: dict[Element, Path] = {}  # meshes → the folder of the file that was included
         self._opened = 0
         root, file = _parsed(path), Path(os.path.abspath(path))
         if root.tag != "mujoco":
@@ -262,6 +263,8 @@ class Source:
         elif node.tag == "mesh" and given:
             given = PurePosixPath(given).name if compiler.get("strippath") == "true" else given
             place = os.path.join(folder, compiler.get("meshdir", compiler.get("assetdir", "")), given)
+            beside = os.path.normpath(os.path.join(self._homes.get(node, folder), given))  # where MuJoCo looks next
+            place = beside if os.path.isfile(beside) and not os.path.isfile(place) else place
             path = os.path.relpath(place, self._folders[-1])
             inside = any(_inside(place, each) for each in self._folders)
             self.meshes.append(Mesh(node, path if inside or not path.startswith("..") else "", Path(place)))
@@ -271,6 +274,8 @@ class Source:
         for node in list(root.iter()):
             for child in node.findall("include"):
                 included, chain = self._open(child, files)
+                for mesh in included.iter("mesh"):
+                    self._homes[mesh] = chain[-1].parent
                 self._include(included, chain)
                 place = list(node).index(child)
                 node[place : place + 1] = list(included)
