@@ -89,7 +89,8 @@ class Mechanism:
         if not isinstance(self.model, pin.Model):
             raise InputError(f"Mechanism needs a pin.Model, got {type(self.model).__name__}")
         put(self, model=(model := own_model(self.model)))
-        put(self, name=self.name or model.name or "mechanism")
+        if isinstance(self.name, str) and not self.name:
+            put(self, name=model.name or "mechanism")
         for several in ("loops", "forces", "actuated", "ignored"):
             put(self, **{several: _sequence(getattr(self, several), several)})
         if not all(isinstance(loop, tuple(RECORDS)) for loop in self.loops):
