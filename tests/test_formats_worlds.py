@@ -338,6 +338,28 @@ def test_what_acts_in_joints_of_newtons_usd(usd, kind):
 
 
 @needs_usd
+def test_joints_of_mujoco_on_one_body_follow_each_other(usd):
+    """A slide, and then a hinge beside it, as MuJoCo has them; without its schema both hold the body."""
+    mujoco = pytest.importorskip("mujoco")
+    at = "point3f physics:localPos{} = ({}, 0, 0)\n"
+    slide = 'uniform token physics:axis = "Z"\n' + at.format(0, 1)
+    hinge = Y + at.format(0, 1.5) + at.format(1, 0.5)
+    text, joints = prim("a", (1, 0, 0)), (("s", "PrismaticJoint", slide), ("h", "RevoluteJoint", hinge))
+    written = [
+        pc.load(usd(text + "".join(usd_joint(n, kind, "", "a", inside, apis) for n, kind, inside in joints)))
+        for apis in ('"MjcJointAPI"', "")
+    ]
+    assert [pc.assemble(mech).mobility for mech in written] == [2, 0]
+    model = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><body pos="1 0 0">
+      <joint type="slide" axis="0 0 1"/><joint pos="0.5 0 0" axis="0 1 0"/>
+      <inertial pos="0.2 0 0" mass="2" diaginertia="0.01 0.02 0.03"/></body></worldbody></mujoco>""")
+    data = mujoco.MjData(model)
+    data.qpos, data.qvel = q, v = np.array([0.3, 0.7]), np.array([-0.4, 1.1])
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(pc.forward_dynamics(written[0], q, v).a, data.qacc, rtol=1e-9)
+
+
+@needs_usd
 def test_the_offset_of_newtons_mimic_is_in_degrees(usd):
     values = "float newton:mimicCoef0 = 30\nfloat newton:mimicCoef1 = -2\nrel newton:mimicJoint = </first>\n"
     (coupling,) = in_both(usd, values, '"NewtonMimicAPI"').loops

@@ -90,11 +90,11 @@ def read(path: Path, name: str, folders, *, ignore=()) -> RobotFile:
 def _read(path, name, folders, ignore) -> RobotFile:
     stage = _Stage(path, [Path(folder) for folder in folders], ignore)
     scene = Scene(stage.bodies(), gravity=stage.gravity())
-    joints = list(stage.joints())
+    joints, massless = stage.in_series(list(stage.joints()), scene)
     if not scene.bodies:
         raise FormatError("it has no rigid body (PhysicsRigidBodyAPI)")
     graph = JointGraph(scene, joints)
-    inertias = stage.inertias()
+    inertias = stage.inertias() | massless
     model, guess = build(scene, graph, inertias, name, graph.roots)
     warn_of_inertias(path, moving_inertias("body", inertias, model))
     loops = [*graph.loops(), *stage.distances]
@@ -138,6 +138,7 @@ class _Stage:
         self._names: dict[str, str] = {}  # path of a joint's prim → its name
         self._read: dict[str, Joint] = {}
         self.distances: list[Loop] = []
+        self._of_mujoco: set[str] = set()  # joints that MuJoCo wrote
 
     def _opened(self, path, folders):
         """The composed stage; FormatError for layers outside of the folders, or that are not there."""
@@ -406,6 +407,29 @@ class _Stage:
             if made is not None:
                 yield made
 
+    def in_series(self, joints, scene) -> tuple[list[Joint], dict[str, pin.Inertia]]:
+        """The joints, of which those of MuJoCo between the same bodies follow each other, and bodies between them.
+
+        A body of MuJoCo may have several joints, and moves by the first of them, then by the second. In other files
+        joints between the same bodies all hold them.
+        """
+        groups: dict[tuple[str, str], list[Joint]] = {}
+        for joint in (each for each in joints if each.name in self._of_mujoco):
+            groups.setdefault((joint.parent, joint.child), []).append(joint)
+        replaced, massless = {}, {}
+        for (parent, child), group in groups.items():
+            here = pin.SE3.Identity() if parent == WORLD else scene.bodies[parent].pose
+            back, start = scene.bodies[child].pose.inverse() * here, parent
+            for number, joint in enumerate(group, start=1):
+                end = child if number == len(group) else unique(f"{joint.name}_link", scene.bodies)
+                on_start = joint.on_parent if start == parent else back * joint.on_parent
+                replaced[joint.name] = replace(joint, parent=start, child=end, on_parent=on_start)
+                if end != child:
+                    scene.bodies[end] = Body(scene.bodies[child].pose)
+                    massless[end] = pin.Inertia.Zero()
+                start = end
+        return [replaced.get(joint.name, joint) for joint in joints], massless
+
     def _joint(self, prim, joint, kind):
         ends = [self._end(joint, number) for number in (0, 1)]
         (parent, on_parent), (child, on_child) = ends
@@ -416,6 +440,8 @@ class _Stage:
         name, bodies = _plain(prim.GetName()), self._bodies.values()
         name = unique(f"{name}_joint" if name in bodies else name, (*self._names.values(), *bodies))
         self._names[str(prim.GetPath())] = name
+        if "MjcJointAPI" in self._schemas(prim):
+            self._of_mujoco.add(name)
         if kind == "PhysicsDistanceJoint":
             self._distance(prim, name, ends)
             return None
