@@ -144,7 +144,11 @@ def read_scene(
     path, reader = scene.path, catalogue.reader_of(scene.path, scene.content)
     _check_options(path, reader, args, free_flyer, ground)
     is_urdf = reader in ("urdf", "xacro")
-    loop_path = Path(loops) if loops is not None else _loop_file_of(scene) if is_urdf else None
+    loop_path = None
+    if loops is not None:
+        loop_path = Path(loops)
+    elif is_urdf:
+        loop_path = _loop_file_of(scene)
     record = scene.loop_file if loop_path is None else loopfile.read(loop_path)
     if record.joint_types and not is_urdf:
         reason = f"joints can be replaced only in URDF scenes; change the {reader.upper()} file"

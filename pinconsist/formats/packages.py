@@ -38,7 +38,8 @@ def _below(folder, deepest) -> list[Path]:
     found, waiting, seen = [], [(folder, 0)], 0
     while waiting and seen < MOST_FOLDERS and len(found) < MOST_PACKAGES:
         here, depth = waiting.pop(0)
-        inner, seen = _inside(here), seen + 1
+        inner = _inside(here)
+        seen += 1
         packages = [each for each in inner if (each / "package.xml").is_file()]
         found += packages
         if depth < deepest:

@@ -416,10 +416,12 @@ class _Stage:
         groups: dict[tuple[str, str], list[Joint]] = {}
         for joint in (each for each in joints if each.name in self._of_mujoco):
             groups.setdefault((joint.parent, joint.child), []).append(joint)
-        replaced, massless = {}, {}
+        replaced: dict[str, Joint] = {}
+        massless: dict[str, pin.Inertia] = {}
         for (parent, child), group in groups.items():
             here = pin.SE3.Identity() if parent == WORLD else scene.bodies[parent].pose
-            back, start = scene.bodies[child].pose.inverse() * here, parent
+            back = scene.bodies[child].pose.inverse() * here
+            start = parent
             for number, joint in enumerate(group, start=1):
                 end = child if number == len(group) else unique(f"{joint.name}_link", scene.bodies)
                 on_start = joint.on_parent if start == parent else back * joint.on_parent

@@ -17,9 +17,9 @@ from weakref import WeakMethod
 import numpy as np
 
 from ..engine.arguments import may_read
-from ..errors import PinconsistError
+from ..errors import InputError, PinconsistError
 from .checks import finite_array, returned
-from .motion import TIME_STEP
+from .motion import TIME_STEP, in_time
 from .sampling import PARTS, SAMPLE_SPACING, SMOOTH, Change, changes, continues, samples_of
 
 JUMP_OFFSET = 1e-13  # relative to a time, or to 1 s: offset at which functions are evaluated before and after a jump
@@ -296,8 +296,11 @@ class TimeCurve:
 
     breakpoints: Breakpoints = NONE
 
-    def __init__(self, function, what: str, shape: tuple = ()):
-        self.function, self._what, self._shape = function, what, shape
+    def __init__(self, function, what: str, shape: tuple = (), finite: bool = False):
+        self.function = function
+        self._what = what
+        self._shape = shape
+        self._finite = finite
 
     def __call__(self, t):
         return self.value(self.breakpoints.inside(t))
@@ -305,7 +308,37 @@ class TimeCurve:
     def value(self, t):
         """The value at a time, outside of the pieces too."""
         found = returned(self.function, self._what, self._shape, t)
+        if self._finite and not np.isfinite(found).all():
+            raise InputError(f"{self._what} is {found} at t = {t:.6g}; it must be finite")
         return found if self._shape else float(found)
+
+
+class MovingCurve(TimeCurve):
+    """The function in a `field` of a record, with its derivatives: functions, or differences.
+
+    A derivative is the field of its name if the record has it, or the method of that name of the function.
+    """
+
+    def __init__(self, record, field: str, who: str, derivatives: tuple[str, ...], finite: bool = False):
+        function = getattr(record, field)
+        super().__init__(function, f"the {field} of {who}", finite=finite)
+        self.derivatives: dict[str, TimeCurve] = {}
+        for name in derivatives:
+            given = getattr(record, name) or getattr(function, name, None)
+            if given is not None:
+                self.derivatives[name] = TimeCurve(given, f"the {name} of {who}", finite=finite)
+
+    def rate(self, t) -> float:
+        return self._derivative("rate", 1, t)
+
+    def acceleration(self, t) -> float:
+        return self._derivative("acceleration", 2, t)
+
+    def _derivative(self, name, order, t) -> float:
+        t = self.breakpoints.inside(t)
+        if name in self.derivatives:
+            return self.derivatives[name].value(t)
+        return float(in_time(lambda s: self.value(t + s), order, TIME_STEP, *self.breakpoints.reach(t)))
 
 
 def knots_of(values, what: str) -> tuple[float, ...]:

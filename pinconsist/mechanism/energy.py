@@ -252,19 +252,18 @@ def measure(forces, t, q, v, workspace):
 
 def alone(forces, workspace) -> list:
     """A compiled system for each force, with nothing else."""
-    systems = []
-    for force in forces.values():
-        compiled = workspace.compiled()
-        force.hand_over(compiled)
-        systems.append(compiled)
-    return systems
+    return [_system_of(force, workspace) for force in forces.values()]
+
+
+def _system_of(force, workspace):
+    compiled = workspace.compiled()
+    force.hand_over(compiled)
+    return compiled
 
 
 def torques_of(force, t, q, v, workspace):
     """τ of a force of :func:`bound_forces` at several states, shape (n, nv)."""
-    compiled = workspace.compiled()
-    force.hand_over(compiled)
-    return compiled.torques(t, q, v)
+    return _system_of(force, workspace).torques(t, q, v)
 
 
 def _time_rates(rows, t, q, workspace):

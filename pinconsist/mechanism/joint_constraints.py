@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
@@ -11,10 +12,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..errors import InputError
-from .breakpoints import NONE, Breakpoints, TimeCurve, TimeFunction, knots_of, time_function
+from .breakpoints import NONE, Breakpoints, MovingCurve, TimeFunction, knots_of, time_function
 from .checks import joint_index, name, number, numbers, put, put_checked, require_functions
 from .curve import spline_of
-from .motion import TIME_STEP, Motion, check_rate, in_time
+from .motion import Motion, check_rate
 
 TURN = math.tau
 CHECKED_OVER = (1e-3, 1e-5, 1e-7, 1e-9)  # s, steps with which user-defined derivatives are checked
@@ -79,15 +80,15 @@ class Rows:
         return False
 
 
-class JointConstraint:
+class JointConstraint(ABC):
     """Base of constraints on joint coordinates, whose multiplier is the torque (or force) on the first of `joints`."""
 
     name: str
 
     @property
+    @abstractmethod
     def joints(self) -> tuple[str, ...]:
         """The names of all its joints."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)
@@ -148,37 +149,8 @@ class Drive(JointConstraint):
         return (self.joint,)
 
 
-class _FiniteCurve(TimeCurve):
-    """A user's function of a drive."""
-
-    def value(self, t):
-        found = super().value(t)
-        if not math.isfinite(found):
-            raise InputError(f"{self._what} is {found} at t = {t:.6g}; it must be finite")
-        return found
-
-
-class _DriveCurve(_FiniteCurve):
-    """The curve of a drive with its derivatives: functions, or differences."""
-
-    def __init__(self, drive):
-        super().__init__(drive.curve, f"the curve of drive {drive.name!r}")
-        self.derivatives: dict[str, _FiniteCurve] = {}
-        for field in ("rate", "acceleration"):
-            if (function := getattr(drive, field) or getattr(drive.curve, field, None)) is not None:
-                self.derivatives[field] = _FiniteCurve(function, f"the {field} of drive {drive.name!r}")
-
-    def rate(self, t) -> float:
-        return self._derivative("rate", 1, t)
-
-    def acceleration(self, t) -> float:
-        return self._derivative("acceleration", 2, t)
-
-    def _derivative(self, field, order, t) -> float:
-        t = self.breakpoints.inside(t)
-        if field in self.derivatives:
-            return self.derivatives[field].value(t)
-        return float(in_time(lambda s: self.value(t + s), order, TIME_STEP, *self.breakpoints.reach(t)))
+def _curve_of(drive) -> MovingCurve:
+    return MovingCurve(drive, "curve", f"drive {drive.name!r}", ("rate", "acceleration"), finite=True)
 
 
 class DriveRow(Rows):
@@ -190,11 +162,11 @@ class DriveRow(Rows):
         self.loop = drive
         self._joint = Coordinate(model, drive.joint, f"drive {drive.name!r}", "driven")
         self.period = self._joint.period
-        self._curve = _DriveCurve(drive)
+        self._curve = _curve_of(drive)
 
     def __copy__(self):
         fresh = object.__new__(DriveRow)
-        vars(fresh).update(vars(self), _curve=_DriveCurve(self.loop))
+        vars(fresh).update(vars(self), _curve=_curve_of(self.loop))
         return fresh
 
     def set_breakpoints(self, breakpoints) -> None:

@@ -26,14 +26,10 @@ from .names import velocity_names
 from .rows import KeptRows, mass_matrix
 
 DROPPED_GAP = 1e-6  # gap of a dropped row, relative to the mechanism's size, that shows that it was needed
-VELOCITY_CHANGES = np.array(
-    [1e-8, 1e-6, 1e-4, 1e-3]
-)  # changes of velocity, relative to the largest, over which jumps are sought
+VELOCITY_CHANGES = np.array([1e-8, 1e-6, 1e-4, 1e-3])  # relative to the largest velocity: over them jumps are sought
 JUMP = 1e-3  # smallest jump, relative to the force
 SIMULTANEOUS = 1e-9  # relative difference of times below which changes count as simultaneous
-RANK_DISTANCE = (
-    1e-3  # rad and m: distance at which the rank of the loops is checked around a position with dependent rows
-)
+RANK_DISTANCE = 1e-3  # rad and m: from a position with dependent rows to those at which the rank is compared
 
 
 class MechanismSystem(Index3System):

@@ -186,7 +186,7 @@ class Modes:
             moved = state.pushed(state.v, [*normals, *held, *(row for i in slow for row in self._tangents(i))])
             if moved is None:
                 return None
-            modes = self._by_accelerations(self._rows(state.t, state.p, moved), closed, set(), [Mode()] * len(before))
+            modes = self._anew(self._rows(state.t, state.p, moved), closed)
             kept = [i for i in slow if modes is not None and modes[i].kind == STICK]
             if len(kept) == len(slow):
                 return moved
@@ -336,7 +336,7 @@ class Modes:
         after = self._rows(state.t, state.p, moved)
         bound = APPROACH * (1.0 + largest(moved))
         still_closed = {i for i in closed if abs(after.rates[self.firsts[i]]) <= bound}
-        modes = self._by_accelerations(after, still_closed, set(), [Mode()] * len(self.elements))
+        modes = self._anew(after, still_closed)
         return moved, [i for i in slow if modes is not None and i in still_closed and modes[i].kind != OPEN]
 
     def _impact(self, state, closed):
@@ -400,6 +400,10 @@ class Modes:
         modes = self._by_accelerations(state, closed, fired, before)
         return self._jammed(state, closed) if modes is None else (modes, state.v)
 
+    def _anew(self, state, closed):
+        """The modes that the accelerations call for, whatever they were before; None if there is no solution."""
+        return self._by_accelerations(state, closed, set(), [Mode()] * len(self.elements))
+
     def _by_accelerations(self, state, closed, fired, before):
         """The modes that the accelerations call for; None if there is no solution."""
         problem = _Accelerations(self, state, closed, fired, before)
@@ -436,7 +440,7 @@ class Modes:
         self._record(
             state, sorted(closed), at, impulses, state.rates[rows], state.kinetic(state.v) - state.kinetic(v), True
         )
-        modes = self._by_accelerations(self._rows(state.t, state.p, v), closed, set(), [Mode()] * len(self.elements))
+        modes = self._anew(self._rows(state.t, state.p, v), closed)
         if modes is None:
             raise PinconsistError(f"the contacts {names} have no solution at t = {state.t:.6g}, nor after a jam")
         return modes, v

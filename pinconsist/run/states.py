@@ -14,9 +14,7 @@ from .options import Options
 from .output import Output
 from .steppers import stepper_for
 
-REPEAT_DISTANCE = (
-    0.1  # of the way of a step: if its repetition ends farther from its end than this, it is another motion
-)
+REPEAT_DISTANCE = 0.1  # of the way of a step: if its repetition ends farther from its end, it is another motion
 
 
 def states_at(solution, times, mechanism=None):

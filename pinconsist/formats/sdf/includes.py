@@ -179,8 +179,9 @@ def _as_of_today(model: Element, version, links) -> None:
             of_model = version < (1, 5) or (flag is not None and (flag.text or "").strip() in ("1", "true"))
             if flag is not None:
                 axis.remove(flag)
-            if of_model and not (SubElement(axis, "xyz") if xyz is None else xyz).get("expressed_in"):
-                axis.find("xyz").set("expressed_in", "__model__")
+            if of_model:
+                xyz = SubElement(axis, "xyz") if xyz is None else xyz
+                xyz.set("expressed_in", xyz.get("expressed_in") or "__model__")
 
 
 def _advice(uri):

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...errors import InputError
-from ..breakpoints import TimeCurve, TimeFunction, time_function
+from ..breakpoints import TimeCurve, TimeFunction
 from ..checks import finite_array, name, near, number, numbers, put, put_checked, triple
 from ..curve import Curve
 from ..joint_constraints import Coordinate
@@ -30,26 +30,22 @@ class BoundActuator(CompiledForce):
         self._joints = [Coordinate(model, joint, record._who, "actuated") for joint in record.arms]
         self.by_time = not record.force_range
         control = record.control
-        called = callable(control) and type(control) is not Motion and not isinstance(control, Table)
-        self._curve = TimeCurve(control, f"the command of {record._who}") if called else None
+        if callable(control) and type(control) is not Motion and not isinstance(control, Table):
+            self.curves.append(TimeCurve(control, f"the command of {record._who}"))
 
     def command(self, t) -> float:
         """The command before clipping."""
         held = None if self._table is None else self._table.at(t)
         if held is not None:
             return float(held[0])
-        control = self._record.control if self._curve is None else self._curve
-        return control(t) if callable(control) else control
-
-    def set_breakpoints(self, breakpoints) -> None:
-        if self._curve is not None:
-            self._curve.breakpoints = breakpoints
+        control: Any = self.curves[0] if self.curves else self._record.control
+        return float(control(t)) if callable(control) else control
 
     def functions_of_time(self, q, v):
         control = self._record.control
         if isinstance(control, Table):
             return [TimeFunction(control, known=control.changes(*(self._record.control_range or UNLIMITED)))]
-        return [] if self._curve is None else [time_function(control, self._curve.value)]
+        return super().functions_of_time(q, v)
 
     def at_limit(self, t, q, v) -> bool:
         """Whether the command or the force is clipped at a state."""
@@ -60,12 +56,15 @@ class BoundActuator(CompiledForce):
 
     def hand_over(self, compiled) -> None:
         record, control = self._record, self._record.control
-        curve, points = self._curve or (0.0,) * 5, Table((), ())
-        if isinstance(control, Table):
+        curve = Motion().numbers
+        points = Table((), ())
+        if self.curves:
+            curve = self.curves[0]
+        elif isinstance(control, Table):
             points = control
         elif type(control) is Motion:  # a subclass may have another law
             curve = control.numbers
-        elif not callable(control):
+        else:
             curve = Motion(control).numbers
         arms = np.array(list(record.arms.values()))
         limits = record.control_range or UNLIMITED, record.force_range or UNLIMITED
@@ -238,12 +237,17 @@ class BoundHeldActuator(BoundHeld):
     def __init__(self, record, model):
         entries = np.zeros((0, 2)) if record.entries is None else record.entries
         super().__init__(1, entries[:, 0], np.ascontiguousarray(entries[:, 1:]), record.sign)
-        self.name, self._actuator = record.name, BoundActuator(record, model, self.table)
-        self.torque, self.derivatives = self._actuator.torque, self._actuator.derivatives
-        self.functions_of_time, self.set_breakpoints = self._actuator.functions_of_time, self._actuator.set_breakpoints
-        self.command, self.at_limit = self._actuator.command, self._actuator.at_limit
-        self.by_time, self.element = self._actuator.by_time, self._actuator.element
-        self.hand_over = self._actuator.hand_over
+        self.name = record.name
+        self._actuator = actuator = BoundActuator(record, model, self.table)
+        self.by_time = actuator.by_time
+        self.torque = actuator.torque
+        self.derivatives = actuator.derivatives
+        self.element = actuator.element
+        self.command = actuator.command
+        self.at_limit = actuator.at_limit
+        self.functions_of_time = actuator.functions_of_time
+        self.set_breakpoints = actuator.set_breakpoints
+        self.hand_over = actuator.hand_over
 
 
 @dataclass(frozen=True, eq=False)

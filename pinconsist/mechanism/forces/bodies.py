@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from ...errors import InputError
 from ..axes import SMOOTH
-from ..breakpoints import TimeCurve, time_function
+from ..breakpoints import TimeCurve
 from ..checks import frame_of, name, number, numbers, put, put_checked, triple
 from ..lie import integrate
 from ..loops import GROUND
@@ -227,24 +227,22 @@ class _BoundWrench(CompiledForce):
             raise InputError(f"{wrench._who}: the frame belongs to the ground, which cannot move")
         self._wrench, self._joint = wrench, frame.parentJoint
         self._frame = frame.placement * pin.SE3(np.eye(3), np.array(wrench.xyz))
-        parts = {field: getattr(wrench, field) for field in ("force", "moment")}
-        self._curves = {
-            field: TimeCurve(part, f"the {field} of the {wrench._who}", (3,))
-            for field, part in parts.items()
-            if callable(part)
-        }
-        self._parts = {field: self._curves.get(field) or np.array(part) for field, part in parts.items()}
-        self.smooth = not self._curves
+        self._force = self._part("force")
+        self._moment = self._part("moment")
+        self.smooth = not self.curves
 
-    def set_breakpoints(self, breakpoints) -> None:
-        for curve in self._curves.values():
-            curve.breakpoints = breakpoints
-
-    def functions_of_time(self, q, v):
-        return [time_function(curve.function, curve.value) for curve in self._curves.values()]
+    def _part(self, field):
+        """Three numbers, or a curve."""
+        given = getattr(self._wrench, field)
+        if not callable(given):
+            return np.array(given)
+        curve = TimeCurve(given, f"the {field} of the {self._wrench._who}", (3,))
+        self.curves.append(curve)
+        return curve
 
     def hand_over(self, compiled) -> None:
-        compiled.add_wrench(self._joint, self._frame.homogeneous, *self._parts.values(), self._wrench.axes == "local")
+        local = self._wrench.axes == "local"
+        compiled.add_wrench(self._joint, self._frame.homogeneous, self._force, self._moment, local)
 
     def element(self, t, q, v):
         ((_, _, force, moment),) = self.loads(t, q, v)

@@ -109,10 +109,19 @@ class BoundForce(ABC):
 
 
 class CompiledForce(BoundForce):
-    """A record whose law is in the engine: ``hand_over`` adds its numbers and functions of time."""
+    """A record whose law is in the engine: ``hand_over`` adds its numbers and its `curves`, functions of time."""
 
     def __init__(self, model):
-        self._model, self._points = model, points_of(model)
+        self._model = model
+        self._points = points_of(model)
+        self.curves: list[TimeCurve] = []
+
+    def set_breakpoints(self, breakpoints) -> None:
+        for curve in self.curves:
+            curve.breakpoints = breakpoints
+
+    def functions_of_time(self, q, v):
+        return [time_function(curve.function, curve.value) for curve in self.curves]
 
     @abstractmethod
     def hand_over(self, compiled) -> None: ...
@@ -156,35 +165,30 @@ class _BoundTorque(CompiledForce):
         if isinstance(constant, Mapping):
             functions = {joint: torque for joint, torque in constant.items() if callable(torque)}
             constant = {joint: torque for joint, torque in constant.items() if joint not in functions}
-        self._constant, self._motions = spread(model, constant, "JointTorque"), []
-        self._curves: list[tuple[TimeCurve, int, int]] = []  # with the columns that they are for
+        self._constant = spread(model, constant, "JointTorque")
+        self._motions: list[tuple[Motion, int]] = []  # with their columns
+        self._columns: list[tuple[int, int]] = []  # the first column, and the number, of each curve
         for joint, function in functions.items():
             here = columns(model, joint, "JointTorque")
             size = here.stop - here.start
             if type(function) is Motion and size == 1:
                 self._motions.append((function, here.start))
             else:
-                curve = TimeCurve(function, f"the torque of joint {joint!r}", (size,) if size > 1 else ())
-                self._curves.append((curve, here.start, size))
-        self.smooth = not self._curves
+                shape = (size,) if size > 1 else ()
+                self.curves.append(TimeCurve(function, f"the torque of joint {joint!r}", shape))
+                self._columns.append((here.start, size))
+        self.smooth = not self.curves
 
     @property
     def constant(self):
         """τ, shape (nv,), or None if some of it depends on time."""
-        return None if self._curves or self._motions else self._constant
-
-    def set_breakpoints(self, breakpoints) -> None:
-        for curve, _, _ in self._curves:
-            curve.breakpoints = breakpoints
-
-    def functions_of_time(self, q, v):
-        return [time_function(curve.function, curve.value) for curve, _, _ in self._curves]
+        return None if self.curves or self._motions else self._constant
 
     def hand_over(self, compiled) -> None:
         compiled.add_constant(self._constant)
         for motion, column in self._motions:
             compiled.add_torque_curve(column, motion.numbers)
-        for curve, column, size in self._curves:
+        for curve, (column, size) in zip(self.curves, self._columns, strict=True):
             if size == 1:
                 compiled.add_torque_curve(column, curve)
             else:

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import InputError
-from ..breakpoints import TimeCurve, time_function
+from ..breakpoints import MovingCurve, time_function
 from ..checks import (
     amounts,
     joint_index,
@@ -24,7 +24,7 @@ from ..checks import (
 )
 from ..joint_constraints import Coordinate
 from ..loops import unit
-from ..motion import TIME_STEP, Motion, in_time
+from ..motion import Motion
 from .force import BoundForce, CompiledForce, ForceRecord, StoringForce
 
 
@@ -109,57 +109,34 @@ class JointFriction(ForceRecord):
         put(self, width=number(self.width, "JointFriction: width", above=0.0))
 
 
-class _Target(TimeCurve):
-    """The target of a servo with its rate: a function, or differences."""
-
-    def __init__(self, servo):
-        super().__init__(servo.target, f"the target of {servo._who}")
-        rate = servo.rate or getattr(servo.target, "rate", None)
-        self.given_rate = None if rate is None else TimeCurve(rate, f"the rate of {servo._who}")
-
-    def rate(self, t) -> float:
-        t = self.breakpoints.inside(t)
-        if self.given_rate is not None:
-            return self.given_rate.value(t)
-        return float(in_time(lambda s: self.value(t + s), 1, TIME_STEP, *self.breakpoints.reach(t)))
-
-
 class _BoundServo(CompiledForce):
     by_time = True
 
     def __init__(self, servo, model):
         super().__init__(model)
-        self._servo, self._coordinate = servo, Coordinate(model, servo.joint, servo._who, "servo-controlled")
-        target = servo.target
-        if type(target) is Motion and servo.rate is None:
-            self._curve, self._motion = None, target
-        elif callable(target):
-            self._curve, self._motion = _Target(servo), Motion()
-        else:
-            self._curve, self._motion = None, Motion(target)
-        self.smooth = self._curve is None
+        self._servo = servo
+        self._coordinate = Coordinate(model, servo.joint, servo._who, "servo-controlled")
+        self._target = servo.target if callable(servo.target) else Motion(servo.target)
+        if type(self._target) is not Motion or servo.rate is not None:
+            self._target = MovingCurve(servo, "target", servo._who, ("rate",))
+            self.curves.append(self._target)
+        self.smooth = not self.curves
 
     def wanted(self, t) -> tuple[float, float]:
-        """The target and its rate."""
-        curve = self._curve or self._motion
-        return curve(t), curve.rate(t)
-
-    def set_breakpoints(self, breakpoints) -> None:
-        if self._curve is not None:
-            self._curve.breakpoints = breakpoints
+        """The target, and its rate if there is a damper."""
+        return self._target(t), self._target.rate(t) if self._servo.damping else 0.0
 
     def functions_of_time(self, q, v):
-        if self._curve is None:
-            return []
-        servo, curve = self._servo, self._curve
-        found = [time_function(servo.target, curve.value, 1 if servo.damping else 0)]  # if damped, also of its rate
-        if servo.damping and servo.rate is not None:
-            found.append(time_function(servo.rate, curve.given_rate.value))
+        servo, found = self._servo, []
+        for curve in self.curves:
+            found.append(time_function(servo.target, curve.value, 1 if servo.damping else 0))  # its rate jumps, too
+            if servo.damping and servo.rate is not None:
+                found.append(time_function(servo.rate, curve.derivatives["rate"].value))
         return found
 
     def hand_over(self, compiled) -> None:
         servo, joint = self._servo, self._coordinate
-        target = self._curve or self._motion.numbers
+        target = self._target if self.curves else self._target.numbers
         compiled.add_servo(joint.place, joint.period or 0.0, target, servo.stiffness, servo.damping)
 
 
